@@ -1,0 +1,13 @@
+"""Time stepping: adaptive implicit runs, and differentiable replays of their schedules."""
+
+from ._evolve import evolve as evolve
+from ._record import diagnostics as diagnostics
+from ._replay import Trajectory as Trajectory, replay as replay
+from ._solution import (
+    RESULTS as RESULTS,
+    Solution as Solution,
+    State as State,
+    message as message,
+    name_of as name_of,
+)
+from ._stepper import Stepper as Stepper

@@ -1,0 +1,190 @@
+"""The loop of accepted and rejected steps."""
+
+import math
+import time
+from collections.abc import Callable
+from typing import Any
+
+import equinox as eqx
+import jax.numpy as jnp
+import optimistix as optx
+from jaxtyping import Array
+
+from ._adaptive import Controller
+from ._record import diagnostics
+from ._save import Saver
+from ._solution import RESULTS, Solution, State
+from ._stepper import Attempt, History, Stepper, weights
+
+
+@eqx.filter_jit
+def _attempt(stepper: Stepper, history: History, w, t) -> Attempt:
+    return stepper(history, w, t)
+
+
+class Loop:
+    """Steps one run until it ends; all that changes in a run lives here.
+
+    **Arguments:** see `evolve`. `schedule` fixes the times and switches rejections off.
+    """
+
+    def __init__(
+        self,
+        stepper: Stepper,
+        *,
+        controller: Controller,
+        schedule: list[float] | None,
+        order: int,
+        stationary_tolerance: float | None,
+        max_steps: int,
+        saver: Saver,
+        observer: Callable[[dict[str, float], State], None] | None,
+        on_save: Callable[[State], None] | None,
+    ):
+        self.stepper, self.controller, self.schedule, self.order = (
+            stepper,
+            controller,
+            schedule,
+            order,
+        )
+        self.stationary_tolerance, self.max_steps = stationary_tolerance, max_steps
+        self.saver, self.observer, self.on_save = saver, observer, on_save
+        self.records: list[dict[str, float]] = []
+        self.times: list[float] = []
+        self.saved: list[State] = []
+        self.stats: dict[str, Any] = {
+            "steps": 0,
+            "rejected_steps": 0,
+            "newton_iterations": 0,
+            "jacobians": 0,
+            "linear_iterations": 0,
+        }
+
+    def run(
+        self, x0: Array, fields: dict[str, Array], t0: float, t1: float, dt: float, interrupted
+    ) -> Solution:
+        """From `t0` to `t1`, starting with a step `dt`."""
+        started = time.perf_counter()
+        depth = max(self.order + 1, 3)
+        flow, mesh = self.stepper.problem.flow, self.stepper.problem.mesh
+        history = self.stepper.start(jnp.asarray(t0), x0, fields, depth)
+        state = State(t0, x0, self._initial_fields(history))
+        self.times.append(t0)
+        energy = float(flow.energy(mesh, x0))
+        self._scale = 0.1 * abs(energy)
+        smallest = self.controller.smallest * dt
+        t, rejections, result = t0, 0, None
+        self._save([state])
+        while result is None:
+            result = self._limits(t, t1, interrupted())
+            if result is not None:
+                break
+            dt, t_new = self._target(t, t1, dt)
+            w = weights(history.times, jnp.asarray(t_new), len(self.times), self.order)
+            attempt = _attempt(self.stepper, history, w, jnp.asarray(t_new))
+            record = self._record(attempt, t_new)
+            reason, factor = self._judge(attempt, record, energy)
+            self._count(attempt)
+            if reason is not None:
+                rejections += 1
+                self.stats["rejected_steps"] += 1
+                dt *= factor
+                if self.schedule is not None or dt < smallest:
+                    result = reason
+                continue
+            history = history.push(jnp.asarray(t_new), attempt.x, attempt.U)
+            self.times.append(t_new)
+            t, energy = t_new, record["energy"]
+            state = State(t, attempt.x, self.stepper.fields(attempt.U))
+            self._accept(record, attempt, state, dt, rejections)
+            self._save(self.saver.passed(history, len(self.times)))
+            rejections = 0
+            dt = self.controller.after_acceptance(
+                dt, float(attempt.error), self.order, int(attempt.newton_iterations)
+            )
+            if self._is_stationary(record):
+                result = RESULTS.stationary
+        self.stats["wall_seconds"] = time.perf_counter() - started
+        return Solution(
+            mesh,
+            tuple(self.saved),
+            state,
+            tuple(self.times),
+            tuple(self.records),
+            result,
+            self.stats,
+        )
+
+    def _initial_fields(self, history: History) -> dict[str, Array]:
+        flow = self.stepper.problem.flow
+        fields = self.stepper.fields(history.U[0])
+        return {
+            name: value if name in flow.evolving else jnp.full_like(value, jnp.nan)
+            for name, value in fields.items()
+        }
+
+    def _limits(self, t: float, t1: float, interrupted: bool):
+        if t >= t1 or (self.schedule is not None and self.stats["steps"] + 1 == len(self.schedule)):
+            return RESULTS.reached_t1
+        if interrupted:
+            return RESULTS.interrupted
+        if self.stats["steps"] >= self.max_steps:
+            return RESULTS.step_limit
+        return None
+
+    def _target(self, t: float, t1: float, dt: float) -> tuple[float, float]:
+        if self.schedule is not None:
+            t_new = self.schedule[self.stats["steps"] + 1]
+            return t_new - t, t_new
+        left = t1 - t
+        if dt >= left:
+            return left, t1
+        # Two equal steps at the end rather than a full one and a sliver.
+        dt = min(dt, 0.5 * left)
+        return dt, t + dt
+
+    def _record(self, attempt: Attempt, t: float) -> dict[str, float]:
+        p = self.stepper.problem
+        values = diagnostics(p.flow, p.mesh, attempt.x, self.stepper.fields(attempt.U))
+        return {"t": t} | {name: float(value) for name, value in values.items()}
+
+    def _judge(self, attempt: Attempt, record: dict[str, float], energy: float):
+        """Why the step is rejected, with the factor for the next try; (None, 1) accepts."""
+        if not math.isfinite(record["energy"]) or not math.isfinite(float(attempt.error)):
+            return RESULTS.not_finite, 0.25
+        if bool(attempt.result != optx.RESULTS.successful):
+            return RESULTS.step_too_small, 0.25
+        if record["alignment"] <= 0:
+            return RESULTS.element_inverted, 0.5
+        rise = self.controller.energy_tolerance * max(abs(energy), self._scale)
+        if record["energy"] > energy + rise:
+            return RESULTS.energy_rising, 0.5
+        if self.schedule is None and float(attempt.error) > self.controller.rtol:
+            return RESULTS.step_too_small, 0.5
+        return None, 1.0
+
+    def _count(self, attempt: Attempt) -> None:
+        for name in ("newton_iterations", "jacobians", "linear_iterations"):
+            self.stats[name] += int(getattr(attempt, name))
+
+    def _accept(self, record, attempt: Attempt, state: State, dt: float, rejections: int) -> None:
+        self.stats["steps"] += 1
+        counts = {
+            "newton_iterations": int(attempt.newton_iterations),
+            "krylov_iterations": int(attempt.linear_iterations),
+            "rejected_steps": rejections,
+        }
+        record = {"step": self.stats["steps"], "dt": dt, "error": float(attempt.error)} | record
+        self.records.append(record | counts)
+        if self.observer is not None:
+            self.observer(record | counts, state)
+
+    def _save(self, states: list[State]) -> None:
+        for state in states:
+            self.saved.append(state)
+            if self.on_save is not None:
+                self.on_save(state)
+
+    def _is_stationary(self, record: dict[str, float]) -> bool:
+        tolerance = self.stationary_tolerance
+        return tolerance is not None and record["stationarity"] <= tolerance

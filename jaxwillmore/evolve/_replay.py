@@ -1,0 +1,123 @@
+"""replay: a run on a given schedule of times, differentiable in everything."""
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import optimistix as optx
+from jaxtyping import Array, Float
+
+from ..flows import AbstractFlow
+from ..mesh import SurfaceMesh
+from ._stepper import Stepper, Weights, weights
+
+
+class Trajectory(eqx.Module):
+    """States at all times of a schedule.
+
+    **Attributes:**
+
+    - `times`: the schedule.
+    - `x`: nodes at every time, the initial ones first.
+    - `fields`: nodal fields by name at every time but the first.
+    - `converged`: whether every implicit step converged.
+    """
+
+    times: Float[Array, " times"]
+    x: Float[Array, "times nodes 3"]
+    fields: dict[str, Array]
+    converged: Array
+
+
+def _all_weights(times: Float[Array, " times"], depth: int, order: int) -> Weights:
+    """Weights of every step of a schedule, stacked."""
+    n = times.shape[0] - 1
+
+    def of(k: int) -> Weights:
+        known = min(k + 1, depth)
+        # Newest first; rows before the start hold distinct times that no formula uses.
+        past = times[k::-1][:known] if k >= 0 else times[:1]
+        filler = times[0] - 1.0 - jnp.arange(depth - known)
+        return weights(jnp.concatenate([past[:known], filler]), times[k + 1], known, order)
+
+    first = [of(k) for k in range(min(n, depth - 1))]
+    stacked = [jax.tree.map(lambda a: a[None], w) for w in first]
+    if n > depth - 1:
+        window = jnp.arange(depth - 1, n)[:, None] - jnp.arange(depth)[None, :]
+        stacked.append(
+            jax.vmap(lambda past, t: weights(past, t, depth, order))(times[window], times[depth:])
+        )
+    return jax.tree.map(lambda *parts: jnp.concatenate(parts), *stacked)
+
+
+def replay(
+    flow: AbstractFlow,
+    mesh: SurfaceMesh,
+    x0: Float[Array, "nodes 3"],
+    times: Float[Array, " times"],
+    *,
+    initial: dict[str, Array] | None = None,
+    bdf_order: int = 2,
+    scheme: str = "implicit",
+    newton_tolerance: float = 1e-11,
+    linear_solver: str = "krylov",
+    stepper: Stepper | None = None,
+    checkpoint: bool = False,
+) -> Trajectory:
+    r"""Run a flow through given times, as one differentiable function.
+
+    Every step is solved implicitly, so its derivative is one solve with the matrix of the step
+    (forward mode) or its transpose (reverse mode); no Newton iteration is differentiated. The
+    schedule is usually the `times` of a `Solution`; derivatives take it as frozen, except through
+    `times` itself, which may be an argument of differentiation.
+
+    **Arguments:**
+
+    - `flow`, `mesh`, `x0`, `initial`, `bdf_order`, `scheme`: as in `evolve`. Flow parameters,
+      `x0`, `initial` and `times` may be traced.
+    - `times`: increasing, the first one is the time of `x0`.
+    - `newton_tolerance`: tighter than for a plain run, because derivatives inherit the error.
+    - `stepper`: a `Stepper` of the same mesh, when `mesh` itself is traced and its sparsity
+      cannot be computed; its flow is replaced by `flow`.
+    - `checkpoint`: keep only the states and solve every step again in the reverse pass.
+
+    **Raises:** `ValueError` if `times` has fewer than two entries.
+
+    ```python
+    def final_area(b):
+        run = jw.evolve.replay(jw.flows.WillmoreFlow(b), mesh, x, solution.times)
+        return jw.surface.area(mesh, run.x[-1])
+
+    slope = jax.grad(final_area)(0.5)
+    ```
+    """
+    times = jnp.asarray(times, float)
+    if times.ndim != 1 or times.shape[0] < 2:
+        raise ValueError(f"`times` needs at least two increasing times; got shape {times.shape}.")
+    if stepper is None:
+        stepper = Stepper(
+            flow,
+            mesh,
+            scheme=scheme,
+            newton_tolerance=newton_tolerance,
+            linear_solver=linear_solver,
+        )
+    else:
+        stepper = eqx.tree_at(lambda s: s.problem.flow, stepper, flow)
+    depth = max(bdf_order + 1, 3)
+    fields = flow.initial_fields(mesh, x0, {} if initial is None else initial)
+    history = stepper.start(times[0], x0, fields, depth)
+
+    def step(history, inputs):
+        w, t = inputs
+        attempt = stepper(history, w, t)
+        new = history.push(t, attempt.x, attempt.U)
+        return new, (attempt.x, attempt.U, attempt.result == optx.RESULTS.successful)
+
+    if checkpoint:
+        step = jax.checkpoint(step)  # pyright: ignore[reportPrivateImportUsage]
+    schedule = _all_weights(times, depth, bdf_order), times[1:]
+    _, (x, U, converged) = jax.lax.scan(step, history, schedule)
+    fields = flow.layout.split(U, axis=2)
+    return Trajectory(
+        times, jnp.concatenate([jnp.asarray(x0)[None], x]), fields, jnp.all(converged)
+    )

@@ -1,0 +1,116 @@
+"""What a run returns, and the reasons it may stop for."""
+
+from typing import Any
+
+import equinox as eqx
+from jaxtyping import Array, Float
+
+from ..mesh import SurfaceMesh
+
+
+class RESULTS(eqx.Enumeration):
+    """Why a run stopped. The first two are successes."""
+
+    reached_t1 = "The end time was reached."
+    stationary = "The surface is stationary: its largest normal velocity fell below the tolerance."
+    step_too_small = (
+        "The step size fell below its minimum. The nonlinear solve or the error estimate rejects "
+        "every step; look at the last state for a neck, a needle triangle or rough data."
+    )
+    not_finite = (
+        "The step produced values that are not finite, at every step size tried. Check the "
+        "parameters and the initial fields."
+    )
+    element_inverted = (
+        "A triangle turns over, at every step size tried. The mesh is too distorted: refine it, "
+        "raise its degree, or improve its triangles."
+    )
+    energy_rising = (
+        "The energy of the surface rises, at every step size tried. The mesh does not resolve the "
+        "surface any more, or the initial fields do not belong to it."
+    )
+    step_limit = "The maximum number of steps was reached; raise `max_steps`."
+    interrupted = "The run was interrupted. The last state is complete."
+
+
+SUCCESSES = (RESULTS.reached_t1, RESULTS.stationary)
+
+
+def message(result: RESULTS) -> str:
+    """The sentence that belongs to a stop reason."""
+    return RESULTS[result]
+
+
+def name_of(result: RESULTS) -> str:
+    """The name of a stop reason, such as `"reached_t1"`."""
+    return next(name for name in _NAMES if bool(getattr(RESULTS, name) == result))
+
+
+_NAMES = (
+    "reached_t1",
+    "stationary",
+    "step_too_small",
+    "not_finite",
+    "element_inverted",
+    "energy_rising",
+    "step_limit",
+    "interrupted",
+)
+
+
+class State(eqx.Module):
+    """A surface in motion at one time.
+
+    **Attributes:**
+
+    - `t`: time.
+    - `x`: nodes.
+    - `fields`: nodal fields of the flow by name. For Willmore flow `H`, `nu`, `V`, `z`. At the
+      initial time the fields that no initial value exists for, `V` and `z`, are NaN.
+    """
+
+    t: float
+    x: Float[Array, "nodes 3"]
+    fields: dict[str, Array]
+
+    @property
+    def H(self) -> Float[Array, " nodes"]:
+        """Mean curvature."""
+        return self.fields["H"]
+
+    @property
+    def nu(self) -> Float[Array, "nodes 3"]:
+        """Normal."""
+        return self.fields["nu"]
+
+    @property
+    def V(self) -> Float[Array, " nodes"]:
+        """Normal velocity."""
+        return self.fields["V"]
+
+
+class Solution(eqx.Module):
+    """A run.
+
+    **Attributes:**
+
+    - `mesh`: connectivity, the same throughout.
+    - `saved`: the states asked for by `saveat`, in order of time.
+    - `state`: the last good state.
+    - `times`: all accepted times, the initial one first: the schedule that `replay` takes.
+    - `records`: one dictionary of diagnostics per accepted step.
+    - `result`, `stats`: why it stopped and what it cost.
+    """
+
+    mesh: SurfaceMesh
+    saved: tuple[State, ...]
+    state: State
+    times: tuple[float, ...]
+    records: tuple[dict[str, float], ...]
+    result: RESULTS
+    stats: dict[str, Any]
+
+    @property
+    def succeeded(self) -> bool:
+        """Whether the end time or a stationary shape was reached."""
+        return any(bool(self.result == success) for success in SUCCESSES)

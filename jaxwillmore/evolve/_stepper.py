@@ -1,0 +1,247 @@
+"""One attempted step: history, weights, solve, and what a controller needs to judge it."""
+
+from types import SimpleNamespace
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import optimistix as optx
+from jaxtyping import Array, Float, Int
+
+from ..fem import rule_for
+from ..flows import AbstractFlow
+from ..linalg import SparseNewton, SparseSolver, block_pattern
+from ..mesh import SurfaceMesh
+from ..surface import area_radius
+from ._bdf import bdf, extrapolation, padded
+from ._step import ImplicitStep, LinearStage, Problem, StepData
+
+SCHEMES = ("implicit", "linearly-implicit")
+
+
+class History(eqx.Module):
+    """The last accepted states, newest first. Rows that are not yet known repeat the first one."""
+
+    times: Float[Array, " depth"]
+    x: Float[Array, "depth nodes 3"]
+    U: Float[Array, "depth nodes fields"]
+
+    def push(self, t, x, U) -> "History":
+        """The history after a step; the oldest state leaves."""
+
+        def roll(old, new):
+            return jnp.concatenate([jnp.asarray(new)[None], old[:-1]])
+
+        return History(roll(self.times, t), roll(self.x, x), roll(self.U, U))
+
+
+class Weights(eqx.Module):
+    """How the states of a history enter a step.
+
+    **Attributes:**
+
+    - `derivative`: BDF weights, first of the new state.
+    - `hat`: extrapolation to the new time, of the order of the scheme.
+    - `guess`: the start of Newton's iteration.
+    - `predictor`: what the new positions are compared with to estimate the local error.
+    """
+
+    derivative: Float[Array, " depth_plus_1"]
+    hat: Float[Array, " depth"]
+    guess: Float[Array, " depth"]
+    predictor: Float[Array, " depth"]
+
+
+def weights(times: Float[Array, " depth"], t: Float[Array, ""], known: int, order: int) -> Weights:
+    """Weights of the step to `t` when `known` states exist, at BDF order at most `order`."""
+    depth = times.shape[0]
+    q = min(known, order)
+    # V and z of the initial state are not known: before two solved states the start is the last
+    # state itself, with V = z = 0 (a surface at rest) in the very first step.
+    start = times[:2] if known > 2 else times[:1]
+    return Weights(
+        derivative=padded(bdf(times[:q], t), depth + 1),
+        hat=padded(extrapolation(times[:q], t), depth),
+        guess=padded(extrapolation(start, t), depth),
+        predictor=padded(extrapolation(times[: min(known, max(q, 2))], t), depth),
+    )
+
+
+class Attempt(eqx.Module):
+    """The outcome of one step, accepted or not."""
+
+    x: Float[Array, "nodes 3"]
+    U: Float[Array, "nodes fields"]
+    result: optx.RESULTS
+    error: Float[Array, ""]
+    newton_iterations: Int[Array, ""]
+    jacobians: Int[Array, ""]
+    linear_iterations: Int[Array, ""]
+
+
+class Stepper(eqx.Module):
+    """A flow on a mesh, ready to step.
+
+    **Arguments:**
+
+    - `flow`, `mesh`: what moves.
+    - `scheme`: `"implicit"` (Newton) or `"linearly-implicit"` (coefficients extrapolated, one
+      linear solve per stage of the flow).
+    - `newton_tolerance`: error of the unknowns, relative to their typical size.
+    - `linear_solver`: method of `linalg.SparseSolver`.
+    - `max_newton`: iterations before a step is given up.
+    """
+
+    problem: Problem
+    scheme: str = eqx.field(static=True)
+    newton_tolerance: float = eqx.field(static=True)
+    method: str = eqx.field(static=True)
+    max_newton: int = eqx.field(static=True)
+
+    def __init__(
+        self,
+        flow: AbstractFlow,
+        mesh: SurfaceMesh,
+        *,
+        scheme: str = "implicit",
+        newton_tolerance: float = 1e-8,
+        linear_solver: str = "krylov",
+        max_newton: int = 12,
+    ):
+        if scheme not in SCHEMES:
+            raise ValueError(f"`scheme` must be one of {SCHEMES}; got {scheme!r}.")
+        pattern = block_pattern(mesh.cells, mesh.n_nodes)
+        self.problem = Problem(flow, mesh, rule_for(mesh), pattern)
+        self.scheme, self.newton_tolerance = scheme, newton_tolerance
+        self.method, self.max_newton = linear_solver, max_newton
+
+    def start(self, t0, x0, fields: dict[str, Array], depth: int) -> History:
+        """The history before the first step; fields that are not given are zero."""
+        layout = self.problem.flow.layout
+        U = jnp.zeros((self.problem.mesh.n_nodes, layout.width))
+        for name, value in fields.items():
+            columns = layout.columns(name)
+            U = U.at[:, columns].set(jnp.reshape(value, (U.shape[0], -1)))
+
+        def repeat(a):
+            return jnp.broadcast_to(a, (depth, *jnp.shape(a)))
+
+        # Distinct times keep the unused rows of every formula finite.
+        times = t0 - jnp.arange(depth, dtype=float)
+        return History(times, repeat(jnp.asarray(x0)), repeat(U))
+
+    def _data(self, history: History, w: Weights, t) -> StepData:
+        p = self.problem
+        c = w.derivative
+        x_hat = jnp.tensordot(w.hat, history.x, axes=1)
+        return StepData(
+            c0=c[0],
+            x_memory=jnp.tensordot(c[1:], history.x, axes=1),
+            memory=jnp.tensordot(c[1:], history.U, axes=1),
+            x_hat=x_hat,
+            hat=jnp.tensordot(w.hat, history.U, axes=1),
+            data=p.flow.nodal_data(p.mesh, t, history.x[0], self.fields(history.U[0]), x_hat),
+            length=jax.lax.stop_gradient(area_radius(p.mesh, history.x[0])),
+        )
+
+    def fields(self, U: Float[Array, "nodes fields"]) -> dict[str, Array]:
+        """The unknowns by name."""
+        return self.problem.flow.layout.split(U, axis=1)
+
+    def _solvers(self, groups, linear: bool):
+        # The correction of a linear problem is its solution; Newton corrects what is left.
+        newton = SparseNewton(
+            self.newton_tolerance,
+            SparseSolver(groups, 1e-12 if linear else 1e-6, self.method),
+            linear=linear,
+        )
+        return newton, optx.ImplicitAdjoint(SparseSolver(groups, 1e-12, self.method))
+
+    def __call__(self, history: History, w: Weights, t: Float[Array, ""]) -> Attempt:
+        """Step from the history to time `t`; differentiable, forward and reverse."""
+        data = self._data(history, w, t)
+        guess = jnp.tensordot(w.guess, history.U, axes=1)
+        run = self._implicit if self.scheme == "implicit" else self._linear
+        x, U, result, stats = run(data, guess)
+        predicted = jnp.tensordot(w.predictor, history.x, axes=1)
+        order = jnp.maximum(jnp.sum(w.derivative != 0) - 1, 1)
+        extent = jnp.max(jnp.ptp(history.x[0], axis=0))
+        error = jnp.max(jnp.linalg.norm(_safe(x - predicted), axis=1)) / ((order + 1) * extent)
+        return Attempt(x, U, result, jnp.where(jnp.all(jnp.isfinite(x)), error, jnp.inf), **stats)
+
+    def _implicit(self, data, guess):
+        flow = self.problem.flow
+        newton, adjoint = self._solvers(column_groups(flow.layout, flow.stages), False)
+        system = ImplicitStep(self.problem, data)
+        scales = flow.scales(data.length)
+        solution = optx.root_find(
+            _residual,
+            newton,
+            jax.lax.stop_gradient(guess / scales),
+            system,
+            max_steps=self.max_newton,
+            adjoint=adjoint,
+            throw=False,
+        )
+        U = solution.value * scales
+        return system.positions(U), U, solution.result, _stats(solution)
+
+    def _linear(self, data, guess):
+        flow = self.problem.flow
+        known, result, totals = data.hat, optx.RESULTS.successful, None
+        for stage in flow.stages:
+            layout = flow.layout.restrict(stage)
+            newton, adjoint = self._solvers(column_groups(layout, (stage,)), True)
+            system = LinearStage(self.problem, data, known, stage)
+            scales = system.select(flow.scales(data.length))
+            solution = optx.root_find(
+                _residual,
+                newton,
+                jax.lax.stop_gradient(system.select(guess) / scales),
+                system,
+                max_steps=2,
+                adjoint=adjoint,
+                throw=False,
+            )
+            for name, value in layout.split(solution.value * scales, axis=1).items():
+                columns = flow.layout.columns(name)
+                known = known.at[:, columns].set(value.reshape(known.shape[0], -1))
+            result = optx.RESULTS.where(
+                result == optx.RESULTS.successful, solution.result, result
+            )
+            stats = _stats(solution)
+            totals = stats if totals is None else jax.tree.map(jnp.add, totals, stats)
+        velocity = jax.vmap(
+            lambda u: flow.velocity(SimpleNamespace(**flow.layout.split(u)))
+        )(known)
+        return (velocity - data.x_memory) / data.c0, known, result, totals
+
+
+def _residual(y, system):
+    return system.residual(y)
+
+
+def _safe(d):
+    # The norm has no derivative at zero.
+    return jnp.where(d == 0, 1e-300, d)
+
+
+def _stats(solution) -> dict[str, Array]:
+    stats = solution.stats
+    return {
+        "newton_iterations": jnp.asarray(stats["num_steps"]),
+        "jacobians": stats["jacobians"],
+        "linear_iterations": stats["linear_iterations"],
+    }
+
+
+def column_groups(layout, stages) -> tuple:
+    """Groups of columns for the preconditioner: one copy per component of equal-sized fields."""
+    groups = []
+    for stage in stages:
+        spans = [range(*layout.columns(name).indices(layout.width)) for name in stage]
+        if len({len(span) for span in spans}) == 1:
+            groups.append(tuple(zip(*spans, strict=True)))
+        else:
+            groups.append((tuple(column for span in spans for column in span),))
+    return tuple(groups)

@@ -1,0 +1,19 @@
+"""Finite elements on a surface: from an integrand at one point to vectors, matrices and numbers."""
+
+from ._assemble import Form as Form, cell_jacobians as cell_jacobians, residual as residual
+from ._integrate import (
+    h1_norm as h1_norm,
+    integrate as integrate,
+    integrate_by_cell as integrate_by_cell,
+    l2_norm as l2_norm,
+)
+from ._jet import Jet as Jet, inner as inner, sym as sym, trace as trace
+from ._layout import Layout as Layout
+from ._mass import load as load, project as project
+from ._metric import Point as Point, point as point
+from ._space import (
+    Rule as Rule,
+    gather as gather,
+    rule_for as rule_for,
+    scatter_add as scatter_add,
+)

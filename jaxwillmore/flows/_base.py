@@ -1,0 +1,80 @@
+"""What a flow is: fields, frozen data, one weak form, and the velocity that moves the nodes."""
+
+import abc
+from types import SimpleNamespace
+
+import equinox as eqx
+from jaxtyping import Array, Float
+
+from ..fem import Layout, Point
+from ..mesh import SurfaceMesh
+
+
+class AbstractFlow(eqx.Module):
+    r"""A geometric evolution law in weak form, discretised by evolving surface finite elements.
+
+    One function per equation is written at one quadrature point; the sum over the equations whose
+    test function is present is the form. With `hat = trial` it is the fully implicit scheme, with
+    `hat` extrapolated from the history it is linear in `trial`.
+    """
+
+    # The unknown fields, in column order.
+    layout: eqx.AbstractClassVar[Layout]
+    # The unknowns whose equation has a material derivative; the others are algebraic.
+    evolving: eqx.AbstractClassVar[tuple[str, ...]]
+    # Nodal data of a step.
+    data: eqx.AbstractClassVar[Layout]
+    # Groups of unknowns that decouple when the coefficients are frozen, in order of solution.
+    stages: eqx.AbstractClassVar[tuple[tuple[str, ...], ...]]
+
+    @abc.abstractmethod
+    def equation(
+        self,
+        name: str,
+        point: Point,
+        rate: SimpleNamespace,
+        hat: SimpleNamespace,
+        trial: SimpleNamespace,
+        data: SimpleNamespace,
+        chi,
+    ) -> Float[Array, ""]:
+        """The equation tested with `chi`, the test function that carries `name`, at one point."""
+
+    @abc.abstractmethod
+    def velocity(self, nodal: SimpleNamespace) -> Float[Array, "3"]:
+        """Velocity of one node from the unknowns there."""
+
+    @abc.abstractmethod
+    def nodal_data(
+        self,
+        mesh: SurfaceMesh,
+        t: Float[Array, ""],
+        x: Float[Array, "nodes 3"],
+        fields: dict[str, Array],
+        x_hat: Float[Array, "nodes 3"],
+    ) -> Float[Array, "nodes data"]:
+        """The columns of `data` for the step to `t` from the old surface `x` with its `fields`.
+
+        `x_hat` are the nodes extrapolated to `t`.
+        """
+
+    @abc.abstractmethod
+    def initial_fields(
+        self,
+        mesh: SurfaceMesh,
+        x: Float[Array, "nodes 3"],
+        given: dict[str, Array],
+    ) -> dict[str, Array]:
+        """The evolving fields at the start: as given, or recovered from the nodes."""
+
+    @abc.abstractmethod
+    def energy(self, mesh: SurfaceMesh, x: Float[Array, "nodes 3"]) -> Float[Array, ""]:
+        """The energy that the law lowers, from the nodes alone."""
+
+    @abc.abstractmethod
+    def scales(self, length: Float[Array, ""]) -> Float[Array, " fields"]:
+        """Typical size of every column of the unknowns on a surface of size `length`."""
+
+    @abc.abstractmethod
+    def time_scale(self, length: Float[Array, ""]) -> Float[Array, ""]:
+        """Time in which the law moves a surface of size `length` by about its size."""

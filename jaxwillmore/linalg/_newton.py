@@ -1,0 +1,174 @@
+"""Newton's method on an assembled sparse Jacobian, as an Optimistix root finder."""
+
+from collections.abc import Callable
+from typing import Any
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import lineax as lx
+import optimistix as optx
+from jaxtyping import Array, Bool, Float, Int, PyTree
+
+from ._operator import SparseOperator
+from ._solver import PreparedMatrix, SparseSolver
+from ._system import AbstractSparseSystem
+
+# A Jacobian is kept while it contracts the correction at least this fast.
+KEEP = 0.15
+# Corrections below this size (in units of the typical unknown) are taken without a line search:
+# there the residual may already be at rounding level and need not fall.
+TRUST = 1e-3
+SMALLEST_DAMPING = 1.0 / 16.0
+
+
+class _State(eqx.Module):
+    f: Float[Array, "nodes fields"]
+    linear: PreparedMatrix
+    renew: Bool[Array, ""]
+    size: Float[Array, ""]
+    contraction: Float[Array, ""]
+    damping: Float[Array, ""]
+    result: optx.RESULTS
+    step: Int[Array, ""]
+    jacobians: Int[Array, ""]
+    iterations: Int[Array, ""]
+
+
+class SparseNewton(optx.AbstractRootFinder):
+    r"""Simplified Newton iteration for an `AbstractSparseSystem` passed as `args`.
+
+    The Jacobian is assembled and factorised in the first iteration, kept while corrections shrink
+    at least by `KEEP` per iteration, and renewed otherwise. Large corrections are damped until the
+    residual falls. It has converged when the estimated error
+    $\theta/(1-\theta)\,\|d\|_\infty$ of the unknowns is below `atol`, with $\theta$ the observed
+    contraction (Hairer, Wanner (1996), *Solving ODEs II*, section IV.8).
+
+    **Arguments:**
+
+    - `atol`: largest error of the unknowns, which the system scales to order one.
+    - `linear_solver`: a `SparseSolver`.
+    - `linear`: the system is linear: one iteration.
+
+    **Raises** (as results of `optimistix.root_find`): `nonlinear_divergence` when corrections
+    grow although the Jacobian is new, `nonlinear_max_steps_reached`, `nonfinite`, and the failures
+    of the linear solver.
+    """
+
+    rtol: float = eqx.field(static=True)
+    atol: float = eqx.field(static=True)
+    norm: Callable[[PyTree], Array] = eqx.field(static=True)
+    linear_solver: SparseSolver
+    linear: bool = eqx.field(static=True)
+
+    def __init__(self, atol: float, linear_solver: SparseSolver, linear: bool = False):
+        self.rtol, self.atol, self.norm = 0.0, atol, optx.max_norm
+        self.linear_solver, self.linear = linear_solver, linear
+
+    def init(self, fn, y, args, options, f_struct, aux_struct, tags):
+        del options, f_struct, aux_struct, tags
+        if not isinstance(args, AbstractSparseSystem):
+            raise ValueError(
+                f"SparseNewton needs `args` to be an AbstractSparseSystem; got {type(args)}."
+            )
+        f, _ = fn(y, args)
+        shape = jax.eval_shape(lambda: args.jacobian(y).data)
+        operator = SparseOperator(jnp.zeros(shape.shape, shape.dtype), args.pattern)
+        # Nothing is prepared yet: the first step renews.
+        linear = PreparedMatrix(jnp.asarray(0, jnp.int64), operator)
+        inf, zero = jnp.asarray(jnp.inf), jnp.asarray(0)
+        return _State(
+            f=f,
+            linear=linear,
+            renew=jnp.asarray(True),
+            size=inf,
+            contraction=inf,
+            damping=jnp.asarray(1.0),
+            result=optx.RESULTS.successful,
+            step=zero,
+            jacobians=zero,
+            iterations=zero,
+        )
+
+    def step(self, fn, y, args, options, state, tags):
+        del options, tags
+
+        def renewed():
+            return self.linear_solver.init(args.jacobian(y), {})
+
+        linear = jax.lax.cond(state.renew, renewed, lambda: state.linear)
+        solution = lx.linear_solve(
+            linear.operator, state.f, self.linear_solver, state=linear, throw=False
+        )
+        d = solution.value
+        size = self.norm(d)
+        new_y, new_f, damping, aux = self._search(fn, y, args, state.f, d, size)
+        # Only undamped corrections with a common Jacobian or a new one tell a contraction.
+        undamped = (damping == 1.0) & (state.damping == 1.0) & (state.step > 0)
+        contraction = jnp.where(undamped, size / state.size, jnp.inf)
+        return (
+            new_y,
+            _State(
+                f=new_f,
+                linear=linear,
+                renew=(contraction > KEEP) & (state.step > 0) | (damping < 1.0),
+                size=size,
+                contraction=contraction,
+                damping=damping,
+                result=optx.RESULTS.promote(solution.result),
+                step=state.step + 1,
+                jacobians=state.jacobians + state.renew,
+                iterations=state.iterations + jnp.asarray(solution.stats["iterations"], int),
+            ),
+            aux,
+        )
+
+    def _search(self, fn, y, args, f, d, size):
+        """Halve the correction until the residual falls (or the correction is small)."""
+        before = jnp.linalg.norm(f)
+
+        def attempt(damping):
+            new_y = y - damping * d
+            new_f, aux = fn(new_y, args)
+            return new_y, new_f, aux
+
+        def insufficient(carry):
+            _, new_f, damping, _ = carry
+            after = jnp.linalg.norm(new_f)
+            accepted = (after <= (1 - 1e-4 * damping) * before) | (size * damping < TRUST)
+            accepted = accepted & jnp.isfinite(after)
+            return ~accepted & (damping > SMALLEST_DAMPING)
+
+        def halve(carry):
+            damping = 0.5 * carry[2]
+            new_y, new_f, aux = attempt(damping)
+            return new_y, new_f, damping, aux
+
+        shape = jax.eval_shape(lambda: fn(y, args)[1])
+        aux = jax.tree.map(lambda s: jnp.zeros(s.shape, s.dtype), shape)
+        # Started at twice the full step, so that the residual is traced once.
+        start = y, jnp.full_like(f, jnp.nan), jnp.asarray(2.0), aux
+        return jax.lax.while_loop(insufficient, halve, start)
+
+    def terminate(self, fn, y, args, options, state, tags):
+        del fn, y, args, options, tags
+        theta = state.contraction
+        error = jnp.where(theta < 1, theta / jnp.maximum(1 - theta, 1e-3), jnp.inf) * state.size
+        converged = (error <= self.atol) | (state.size <= 1e-2 * self.atol)
+        converged = (converged & (state.damping == 1.0)) | self.linear
+        started = state.step > 0
+        diverged = started & (theta > 2.0) & jnp.isfinite(theta) & (state.size > self.atol)
+        finite = jnp.isfinite(state.size) & jnp.all(jnp.isfinite(state.f))
+        result = optx.RESULTS.where(
+            diverged & ~converged, optx.RESULTS.nonlinear_divergence, optx.RESULTS.successful
+        )
+        result = optx.RESULTS.where(
+            started & ~finite, optx.RESULTS.nonfinite, result
+        )
+        failed = started & (state.result != optx.RESULTS.successful)
+        result = optx.RESULTS.where(failed, state.result, result)
+        return started & (converged | diverged | ~finite | failed), result
+
+    def postprocess(self, fn, y, aux, args, options, state, tags, result):
+        del fn, args, options, tags, result
+        return y, aux, {"jacobians": state.jacobians, "linear_iterations": state.iterations}

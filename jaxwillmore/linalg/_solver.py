@@ -1,0 +1,144 @@
+"""SparseSolver: the Lineax solver behind every implicit step."""
+
+import functools as ft
+import importlib.util
+from typing import Any
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import jax.tree_util as jtu
+import lineax as lx
+import numpy as np
+from jaxtyping import Array, Float, Int
+
+from ._host import HOST, NON_FINITE, NOT_CONVERGED, SINGULAR, Backend
+from ._operator import SparseOperator
+from ._pattern import BlockPattern
+from ._system import AbstractSparseSystem
+
+METHODS = ("krylov", "direct", "pardiso")
+
+
+@ft.lru_cache(maxsize=None)
+def _backend(groups: tuple, method: str) -> Backend:
+    if method == "pardiso":
+        from ._pardiso import Pardiso
+
+        return Backend(groups, True, Pardiso)
+    return Backend(groups, method == "direct" or not groups)
+
+
+def _arrays(pattern: BlockPattern):
+    return pattern.indptr, pattern.cols, pattern.rows, pattern.order, pattern.key
+
+
+class PreparedMatrix(eqx.Module):
+    """A matrix that the host knows under `handle`."""
+
+    handle: Int[Array, ""]
+    operator: SparseOperator
+
+
+class SparseSolver(lx.AbstractLinearSolver):
+    """Solves with a `SparseOperator`, or with the Jacobian of an `AbstractSparseSystem`.
+
+    The work happens in one host callback per solve: GMRES with a block Gauss–Seidel
+    preconditioner; if that does not converge, sparse LU of the whole system in nested-dissection
+    order. Derivatives, forward and reverse, are solves with the same matrix or its transpose.
+
+    **Arguments:**
+
+    - `groups`: for the preconditioner, groups of columns in order of solution; a group is a tuple
+      of copies that share one factorisation. Empty: no preconditioner, LU at once.
+    - `rtol`: relative residual asked of GMRES.
+    - `method`: `"krylov"` (as above), `"direct"` (SuperLU at once) or `"pardiso"` (MKL Pardiso at
+      once; needs the extra `fast`).
+
+    **Raises:** `ValueError` for an unknown method, or for `"pardiso"` where it is not installed.
+
+    *Limits:* real 64-bit matrices. Under `vmap`, members are solved one after another.
+    """
+
+    groups: tuple = eqx.field(static=True, default=())
+    rtol: float = eqx.field(static=True, default=1e-8)
+    method: str = eqx.field(static=True, default="krylov")
+
+    def __check_init__(self):
+        if self.method not in METHODS:
+            raise ValueError(f"`method` must be one of {METHODS}; got {self.method!r}.")
+        if self.method == "pardiso" and importlib.util.find_spec("pypardiso") is None:
+            raise ValueError(
+                "`method='pardiso'` needs MKL Pardiso; install it with "
+                "`pip install 'jaxwillmore[fast]'` or use method='krylov'."
+            )
+
+    def init(self, operator: lx.AbstractLinearOperator, options: dict[str, Any]) -> PreparedMatrix:
+        del options
+        operator = _assembled(operator)
+        data = jax.lax.stop_gradient(operator.data)
+        handle = jax.pure_callback(
+            ft.partial(HOST.prepare, _backend(self.groups, self.method)),
+            jax.ShapeDtypeStruct((), jnp.int64),
+            data,
+            _arrays(operator.pattern),
+            vmap_method="sequential",
+        )
+        return PreparedMatrix(handle, SparseOperator(data, operator.pattern, operator.transposed))
+
+    def compute(self, state: PreparedMatrix, vector: Float[Array, "nodes fields"], options):
+        del options
+        operator = state.operator
+        x, iterations, outcome = jax.pure_callback(
+            ft.partial(
+                HOST.solve, _backend(self.groups, self.method), operator.transposed, self.rtol
+            ),
+            (
+                jax.ShapeDtypeStruct(vector.shape, vector.dtype),
+                jax.ShapeDtypeStruct((), np.int32),
+                jax.ShapeDtypeStruct((), np.int32),
+            ),
+            state.handle,
+            operator.data,
+            vector,
+            _arrays(operator.pattern),
+            vmap_method="sequential",
+        )
+        result = lx.RESULTS.successful
+        for code, failure in (
+            (NOT_CONVERGED, lx.RESULTS.breakdown),
+            (SINGULAR, lx.RESULTS.singular),
+            (NON_FINITE, lx.RESULTS.nonfinite_input),
+        ):
+            result = lx.RESULTS.where(outcome == code, failure, result)
+        return x, result, {"iterations": iterations}
+
+    def transpose(self, state: PreparedMatrix, options: dict[str, Any]):
+        return PreparedMatrix(state.handle, state.operator.transpose()), options
+
+    def conj(self, state: PreparedMatrix, options: dict[str, Any]):
+        return state, options
+
+    def assume_full_rank(self):
+        return True
+
+
+def _assembled(operator: lx.AbstractLinearOperator) -> SparseOperator:
+    """The sparse matrix of an operator.
+
+    The implicit adjoint of Optimistix hands over an opaque Jacobian at the root; the system that
+    it came from travels among its arguments and assembles the same matrix.
+    """
+    if isinstance(operator, SparseOperator):
+        return operator
+    if isinstance(operator, lx.JacobianLinearOperator):
+        leaves = jtu.tree_leaves(
+            operator.args, is_leaf=lambda leaf: isinstance(leaf, AbstractSparseSystem)
+        )
+        systems = [leaf for leaf in leaves if isinstance(leaf, AbstractSparseSystem)]
+        if len(systems) == 1:
+            return systems[0].jacobian(operator.x)
+    raise ValueError(
+        f"SparseSolver solves with a SparseOperator, or with the Jacobian of a residual whose "
+        f"`args` is one AbstractSparseSystem; got {type(operator).__name__}."
+    )
