@@ -11,18 +11,13 @@ import numpy as np
 from jaxtyping import Array, Float
 
 
-def _lagrange_values(nodes: Float[Array, " points"], t: Float[Array, ""]) -> Float[Array, " points"]:
-    """Values at `t` of the Lagrange polynomials on `nodes`."""
-    n = nodes.shape[0]
-    off = ~np.eye(n, dtype=bool)
-    difference = jnp.where(off, nodes[:, None] - nodes[None, :], 1.0)
-    factor = jnp.where(off, (t - nodes)[None, :] / difference, 1.0)
-    return jnp.prod(factor, axis=1)
-
-
 def extrapolation(times: Float[Array, " points"], t: Float[Array, ""]) -> Float[Array, " points"]:
-    r"""Weights $\gamma_j$ that extrapolate values at `times` (newest first) to `t`."""
-    return _lagrange_values(times, t)
+    r"""Weights $\gamma_j$ that take values at `times` (newest first) to time `t`."""
+    n = times.shape[0]
+    off = ~np.eye(n, dtype=bool)
+    difference = jnp.where(off, times[:, None] - times[None, :], 1.0)
+    factor = jnp.where(off, (t - times)[None, :] / difference, 1.0)
+    return jnp.prod(factor, axis=1)
 
 
 def bdf(times: Float[Array, " points"], t: Float[Array, ""]) -> Float[Array, " points_plus_1"]:

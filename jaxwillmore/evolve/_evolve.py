@@ -27,7 +27,7 @@ def _checked_times(t0, t1, dt0, rtol, max_steps):
     if dt0 is not None and not (math.isfinite(dt0) and 0 < dt0 <= t1 - t0):
         raise ValueError(f"`dt0` must be positive and at most t1 - t0 = {t1 - t0}; got {dt0}.")
     if rtol is not None and not (math.isfinite(rtol) and 0 < rtol < 1):
-        raise ValueError(f"`rtol` must lie between 0 and 1, or be None for fixed steps; got {rtol}.")
+        raise ValueError(f"`rtol` must lie between 0 and 1, or be None (fixed steps); got {rtol}.")
     if max_steps < 1:
         raise ValueError(f"`max_steps` must be at least 1; got {max_steps}.")
 

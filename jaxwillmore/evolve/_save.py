@@ -22,7 +22,7 @@ def save_times(saveat: float | Sequence[float] | None, t0: float, t1: float) -> 
     if np.ndim(saveat) == 0:
         interval = float(saveat)  # pyright: ignore[reportArgumentType]
         if not (math.isfinite(interval) and interval > 0):
-            raise ValueError(f"`saveat` needs a positive interval or increasing times; got {saveat}.")
+            raise ValueError(f"`saveat` needs a positive interval or rising times; got {saveat}.")
         n = math.floor((t1 - t0) / interval * (1 + 1e-12))
         return [t0 + k * interval for k in range(1, n + 1)]
     times = [float(t) for t in np.asarray(saveat, float)]

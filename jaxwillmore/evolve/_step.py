@@ -139,9 +139,7 @@ class ImplicitStep(AbstractSparseSystem):
         dx = jax.vmap(jax.jacfwd(self._velocity))(U) / self.step.c0
         local = cell_jacobians(form, p.mesh, p.rule, self.positions(U), U, Z, args, dx)
         rows = _row_scales(p.flow, p.mesh, self.step)
-        return SparseOperator(
-            scatter_blocks(p.pattern, local) * rows[:, None] * columns, p.pattern
-        )
+        return SparseOperator(scatter_blocks(p.pattern, local) * rows[:, None] * columns, p.pattern)
 
 
 class LinearStage(AbstractSparseSystem):
@@ -168,9 +166,7 @@ class LinearStage(AbstractSparseSystem):
             _prefixed("hat_", flow.layout),
             _prefixed("known_", flow.layout),
         )
-        Z = jnp.concatenate(
-            [self.step.data, self.step.memory, self.step.hat, self.known], axis=1
-        )
+        Z = jnp.concatenate([self.step.data, self.step.memory, self.step.hat, self.known], axis=1)
         form = Form(_linear_integrand, flow.layout.restrict(self.fields), frozen)
         return form, Z, (flow, self.step.c0)
 
@@ -193,6 +189,4 @@ class LinearStage(AbstractSparseSystem):
         columns = self.select(p.flow.scales(self.step.length))
         local = cell_jacobians(form, p.mesh, p.rule, self.step.x_hat, y * columns, Z, args)
         rows = self.select(_row_scales(p.flow, p.mesh, self.step))
-        return SparseOperator(
-            scatter_blocks(p.pattern, local) * rows[:, None] * columns, p.pattern
-        )
+        return SparseOperator(scatter_blocks(p.pattern, local) * rows[:, None] * columns, p.pattern)

@@ -206,14 +206,10 @@ class Stepper(eqx.Module):
             for name, value in layout.split(solution.value * scales, axis=1).items():
                 columns = flow.layout.columns(name)
                 known = known.at[:, columns].set(value.reshape(known.shape[0], -1))
-            result = optx.RESULTS.where(
-                result == optx.RESULTS.successful, solution.result, result
-            )
+            result = optx.RESULTS.where(result == optx.RESULTS.successful, solution.result, result)
             stats = _stats(solution)
             totals = stats if totals is None else jax.tree.map(jnp.add, totals, stats)
-        velocity = jax.vmap(
-            lambda u: flow.velocity(SimpleNamespace(**flow.layout.split(u)))
-        )(known)
+        velocity = jax.vmap(lambda u: flow.velocity(SimpleNamespace(**flow.layout.split(u))))(known)
         return (velocity - data.x_memory) / data.c0, known, result, totals
 
 

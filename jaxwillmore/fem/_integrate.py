@@ -14,7 +14,7 @@ from ._space import gather, rule_for
 
 
 def jets_at(
-    here: Point, phi: Float[Array, "local 3"], fields: dict[str, Float[Array, "local *components"]]
+    here: Point, phi: Float[Array, "local 3"], fields: dict[str, Float[Array, "local ..."]]
 ) -> SimpleNamespace:
     """Jets of the fields of one cell at the quadrature point with tabulated basis `phi`."""
     jets = {}
@@ -27,11 +27,11 @@ def jets_at(
 def integrate(
     mesh: SurfaceMesh,
     x: Float[Array, "nodes 3"],
-    density: Callable[[Point, SimpleNamespace], Float[Array, "*out"]],
-    fields: dict[str, Float[Array, "nodes *components"]] | None = None,
+    density: Callable[[Point, SimpleNamespace], Float[Array, "..."]],
+    fields: dict[str, Float[Array, "nodes ..."]] | None = None,
     *,
     quadrature_degree: int | None = None,
-) -> Float[Array, "*out"]:
+) -> Float[Array, "..."]:
     """Integral of a density over the surface; differentiable in `x` and in the fields.
 
     **Arguments:**
@@ -52,11 +52,11 @@ def integrate(
 def integrate_by_cell(
     mesh: SurfaceMesh,
     x: Float[Array, "nodes 3"],
-    density: Callable[[Point, SimpleNamespace], Float[Array, "*out"]],
-    fields: dict[str, Float[Array, "nodes *components"]] | None = None,
+    density: Callable[[Point, SimpleNamespace], Float[Array, "..."]],
+    fields: dict[str, Float[Array, "nodes ..."]] | None = None,
     *,
     quadrature_degree: int | None = None,
-) -> Float[Array, "cells *out"]:
+) -> Float[Array, "cells ..."]:
     """As `integrate`, one number per cell."""
     return _by_cell(mesh, x, density, fields, quadrature_degree)
 
@@ -80,14 +80,14 @@ def _by_cell(mesh, x, density, fields, quadrature_degree):
 
 
 def l2_norm(
-    mesh: SurfaceMesh, x: Float[Array, "nodes 3"], u: Float[Array, "nodes *components"]
+    mesh: SurfaceMesh, x: Float[Array, "nodes 3"], u: Float[Array, "nodes ..."]
 ) -> Float[Array, ""]:
     r"""$\|u\|_{L^2(\Gamma_h)}$ of a finite element function."""
     return jnp.sqrt(integrate(mesh, x, lambda _, f: jnp.sum(f.u.value**2), {"u": u}))
 
 
 def h1_norm(
-    mesh: SurfaceMesh, x: Float[Array, "nodes 3"], u: Float[Array, "nodes *components"]
+    mesh: SurfaceMesh, x: Float[Array, "nodes 3"], u: Float[Array, "nodes ..."]
 ) -> Float[Array, ""]:
     r"""$(\|u\|^2 + \|\nabla_\Gamma u\|^2)^{1/2}$ of a finite element function."""
 

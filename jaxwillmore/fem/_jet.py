@@ -12,11 +12,11 @@ class Jet(eqx.Module):
     $\nabla_\Gamma u_i$, so that the rows of `grad` are tangential gradients.
     """
 
-    value: Float[Array, "*components"]
-    grad: Float[Array, "*components 3"]
+    value: Float[Array, "..."]
+    grad: Float[Array, "... 3"]
 
 
-def inner(a: Float[Array, "*shape"], b: Float[Array, "*shape"]) -> Float[Array, ""]:
+def inner(a: Float[Array, "..."], b: Float[Array, "..."]) -> Float[Array, ""]:
     """Euclidean (Frobenius) inner product of two arrays of the same shape."""
     return jnp.sum(a * b)
 

@@ -16,11 +16,11 @@ from ._space import gather, rule_for, scatter_add
 def load(
     mesh: SurfaceMesh,
     x: Float[Array, "nodes 3"],
-    density: Callable[..., Float[Array, "*out"]],
-    fields: dict[str, Float[Array, "nodes *components"]] | None = None,
+    density: Callable[..., Float[Array, "..."]],
+    fields: dict[str, Float[Array, "nodes ..."]] | None = None,
     *,
     quadrature_degree: int | None = None,
-) -> Float[Array, "nodes *out"]:
+) -> Float[Array, "nodes ..."]:
     r"""The vector $\int f(\varphi_i, \nabla\varphi_i)$ over all basis functions.
 
     **Arguments:**

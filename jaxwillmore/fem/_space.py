@@ -21,7 +21,7 @@ class Rule(eqx.Module):
     phi: Float[Array, "points local 3"]
 
 
-@ft.lru_cache(maxsize=None)
+@ft.cache
 def _tables(degree: int, quadrature_degree: int) -> tuple[np.ndarray, np.ndarray]:
     rule = quadrature(quadrature_degree)
     values = lagrange_basis(degree, rule.points)[..., None]
@@ -42,14 +42,14 @@ def rule_for(mesh: SurfaceMesh, quadrature_degree: int | None = None) -> Rule:
     return Rule(jnp.asarray(weights), jnp.asarray(phi))
 
 
-def gather(mesh: SurfaceMesh, nodal: Float[Array, "nodes *rest"]) -> Float[Array, "cells local *rest"]:
+def gather(mesh: SurfaceMesh, nodal: Float[Array, "nodes ..."]) -> Float[Array, "cells local ..."]:
     """Nodal values cell by cell."""
     return nodal[mesh.cells]
 
 
 def scatter_add(
-    mesh: SurfaceMesh, local: Float[Array, "cells local *rest"]
-) -> Float[Array, "nodes *rest"]:
+    mesh: SurfaceMesh, local: Float[Array, "cells local ..."]
+) -> Float[Array, "nodes ..."]:
     """Sum of cell contributions at the nodes; the transpose of `gather`."""
     zero = jnp.zeros((mesh.n_nodes, *local.shape[2:]), local.dtype)
     return zero.at[mesh.cells].add(local)

@@ -6,8 +6,8 @@ $V = \Delta_\Gamma H - \tfrac12 H^3 + |A|^2 H$. Every function below is one equa
 quadrature point, left side minus right side.
 
 The normal equation is (10c). Its discrete version (13c) is often printed without the terms
-$(HA - A^2)z$, $2(A\nabla H, (\nabla\chi)\nu)$, $(Q, \nabla\cdot\chi)$ and $-(QH\nu, \chi)$; they are
-all here.
+$(HA - A^2)z$, $2(A\nabla H, (\nabla\chi)\nu)$, $(Q, \nabla\cdot\chi)$ and $-(QH\nu, \chi)$;
+they are all here.
 """
 
 from collections.abc import Callable
@@ -122,7 +122,9 @@ class WillmoreFlow(AbstractFlow):
     data: ClassVar[Layout] = Layout(("alpha", "force"), (1, 1))
     stages: ClassVar[tuple[tuple[str, ...], ...]] = (("nu", "z"), ("H", "V"))
 
-    def __init__(self, bending_modulus=0.5, spontaneous_curvature=0.0, consistency=6.0, forcing=None):
+    def __init__(
+        self, bending_modulus=0.5, spontaneous_curvature=0.0, consistency=6.0, forcing=None
+    ):
         self.bending_modulus = jnp.asarray(bending_modulus, float)
         self.spontaneous_curvature = jnp.asarray(spontaneous_curvature, float)
         self.consistency = jnp.asarray(consistency, float)

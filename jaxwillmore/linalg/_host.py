@@ -30,7 +30,9 @@ class Backend:
 class _Entry:
     """A matrix with whatever has been factorised of it so far."""
 
-    def __init__(self, host: "Host", backend: Backend, pattern: Pattern, data: np.ndarray, key: int):
+    def __init__(
+        self, host: "Host", backend: Backend, pattern: Pattern, data: np.ndarray, key: int
+    ):
         self._host, self._backend, self._pattern = host, backend, pattern
         self._data, self._key = data, key
         self.matrix = block_matrix(pattern, data)

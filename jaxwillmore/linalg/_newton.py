@@ -1,7 +1,6 @@
 """Newton's method on an assembled sparse Jacobian, as an Optimistix root finder."""
 
 from collections.abc import Callable
-from typing import Any
 
 import equinox as eqx
 import jax
@@ -162,9 +161,7 @@ class SparseNewton(optx.AbstractRootFinder):
         result = optx.RESULTS.where(
             diverged & ~converged, optx.RESULTS.nonlinear_divergence, optx.RESULTS.successful
         )
-        result = optx.RESULTS.where(
-            started & ~finite, optx.RESULTS.nonfinite, result
-        )
+        result = optx.RESULTS.where(started & ~finite, optx.RESULTS.nonfinite, result)
         failed = started & (state.result != optx.RESULTS.successful)
         result = optx.RESULTS.where(failed, state.result, result)
         return started & (converged | diverged | ~finite | failed), result

@@ -20,7 +20,7 @@ from ._system import AbstractSparseSystem
 METHODS = ("krylov", "direct", "pardiso")
 
 
-@ft.lru_cache(maxsize=None)
+@ft.cache
 def _backend(groups: tuple, method: str) -> Backend:
     if method == "pardiso":
         from ._pardiso import Pardiso

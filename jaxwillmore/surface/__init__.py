@@ -1,0 +1,31 @@
+"""Geometry of a surface: exact where a formula is known, discrete everywhere."""
+
+from ._curvature import (
+    gaussian_curvature as gaussian_curvature,
+    nodal_weingarten_squared as nodal_weingarten_squared,
+    principal_curvatures as principal_curvatures,
+    weingarten as weingarten,
+)
+from ._level_set import (
+    AbstractLevelSet as AbstractLevelSet,
+    BeadsTorus as BeadsTorus,
+    Dumbbell as Dumbbell,
+    Ellipsoid as Ellipsoid,
+    EvansFung as EvansFung,
+    LevelSet as LevelSet,
+    RedCell as RedCell,
+    Sphere as Sphere,
+    Torus as Torus,
+)
+from ._measures import (
+    area as area,
+    area_radius as area_radius,
+    centroid as centroid,
+    reduced_volume as reduced_volume,
+    volume as volume,
+)
+from ._recover import (
+    mean_curvature_vector as mean_curvature_vector,
+    recover_mean_curvature as recover_mean_curvature,
+    recover_normal as recover_normal,
+)
