@@ -1,0 +1,19 @@
+"""Surfaces in, results out: mesh files, frames for ParaView, history, checkpoints."""
+
+from ._atomic import atomic_write as atomic_write
+from ._checkpoint import (
+    Checkpoint as Checkpoint,
+    CheckpointError as CheckpointError,
+    CheckpointWarning as CheckpointWarning,
+    previous_generation as previous_generation,
+    read_checkpoint as read_checkpoint,
+    write_checkpoint as write_checkpoint,
+)
+from ._folder import RunFolder as RunFolder, RunFolderError as RunFolderError
+from ._history import History as History, read_history as read_history
+from ._npz import write_npz as write_npz
+from ._plain import write_json as write_json
+from ._ply import linear_triangles as linear_triangles, write_ply as write_ply
+from ._pvd import PvdSeries as PvdSeries
+from ._read import SurfaceWarning as SurfaceWarning, read_surface as read_surface
+from ._vtu import write_vtu as write_vtu

@@ -1,0 +1,222 @@
+"""Any closed surface of a user as `(mesh, x)`, or an error that says what is wrong with it."""
+
+import io
+import os
+import warnings
+from typing import Any, NamedTuple
+
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float
+
+from .._types import Nodes
+from ..mesh import SurfaceError, SurfaceMesh, SurfaceReport, check_mesh, check_surface, raise_degree
+from ..reference import lagrange_basis, lagrange_nodes
+from ._npz import NpzError, read_npz
+from ._obj import parse_obj
+from ._off import parse_off
+from ._ply import parse_ply
+from ._repair import merge_vertices, orient
+from ._source import read_bytes
+from ._stl import parse_stl
+
+_PARSERS = {"ply": parse_ply, "off": parse_off, "obj": parse_obj, "stl": parse_stl}
+_DEGREE = {3: 1, 6: 2, 10: 3, 15: 4}
+
+_LARGEST = 1e75
+
+# Findings that no repair can work with.
+_HOPELESS = {
+    "empty_surface",
+    "index_out_of_range",
+    "index_type_too_small",
+    "non_finite_coordinates",
+    "unreadable_faces",
+    "unreadable_vertices",
+}
+
+
+class SurfaceWarning(UserWarning):
+    """A surface can be used, but something about it deserves a look."""
+
+
+class _Raw(NamedTuple):
+    """What a source holds before it is checked: a triangulation, or cells of higher degree."""
+
+    name: str
+    x: Any
+    cells: Any
+    degree: int = 1
+
+
+def _from_npz(name: str, data: bytes, max_bytes: int) -> _Raw:
+    try:
+        arrays = read_npz(io.BytesIO(data), max_bytes=max_bytes)
+    except NpzError as error:
+        raise SurfaceError(f"{name}: {error}.") from error
+    if {"vertices", "faces"} <= set(arrays):
+        return _Raw(name, arrays["vertices"], arrays["faces"])
+    if not {"x", "cells"} <= set(arrays):
+        raise SurfaceError(
+            f"{name}: it needs the arrays `x` and `cells`, or `vertices` and `faces`; it holds "
+            f"{sorted(arrays)[:10]}."
+        )
+    cells = arrays["cells"]
+    if cells.ndim != 2 or cells.shape[1] not in _DEGREE:
+        raise SurfaceError(
+            f"{name}: `cells` needs 3, 6, 10 or 15 node numbers per triangle; its shape is "
+            f"{cells.shape}."
+        )
+    return _Raw(name, arrays["x"], cells, _DEGREE[cells.shape[1]])
+
+
+def _raw(source: Any, max_bytes: int) -> _Raw:
+    if isinstance(source, (str, os.PathLike)):
+        name = f"`{os.fspath(source)}`"
+        format, data = read_bytes(source, max_bytes)
+        if format == "npz":
+            return _from_npz(name, data, max_bytes)
+        return _Raw(name, *_PARSERS[format](name, data))
+    if isinstance(source, (tuple, list)) and len(source) == 2:
+        return _Raw("(vertices, faces)", *source)
+    vertices, faces = getattr(source, "vertices", None), getattr(source, "faces", None)
+    if vertices is not None and faces is not None:  # trimesh.Trimesh and its kin
+        return _Raw(f"the {type(source).__name__}", np.asarray(vertices), np.asarray(faces))
+    raise TypeError(
+        "a surface is read from a path, a `trimesh.Trimesh`, or a pair (vertices, faces); got "
+        f"{type(source).__name__}."
+    )
+
+
+def _raise_if_bad(name: str, report: SurfaceReport) -> None:
+    if not report.ok:
+        raise SurfaceError(f"{name}: {report}", report)
+
+
+def _warn(name: str, report: SurfaceReport) -> None:
+    for finding in report.warnings:
+        warnings.warn(f"{name}: {finding}", SurfaceWarning, stacklevel=3)
+
+
+def _refuse_overflow(name: str, vertices: Any) -> None:
+    """Coordinates whose fourth power is no number, as damaged files hold them."""
+    if not isinstance(vertices, np.ndarray) or vertices.dtype != np.float64:
+        return  # the check reports other types
+    vertices = np.ma.getdata(vertices)
+    largest = np.max(np.abs(vertices), where=np.isfinite(vertices), initial=0.0)
+    if largest > _LARGEST:
+        raise SurfaceError(
+            f"{name}: coordinates up to {largest:.3g}; the fourth power of lengths overflows. "
+            "The file is damaged, or needs a larger unit of length."
+        )
+
+
+def _flat(raw: _Raw, merge_tolerance: float | None, fix_orientation: bool, expected: dict):
+    """The triangulation as a mesh of degree 1, repaired as far as was asked for."""
+    vertices, faces = raw.x, raw.cells
+    _refuse_overflow(raw.name, vertices)
+    report = check_surface(vertices, faces, **expected)
+    if not report.ok and (merge_tolerance is not None or fix_orientation):
+        if _HOPELESS & set(report.kinds):
+            _raise_if_bad(raw.name, report)
+        vertices, faces = np.asarray(vertices, np.float64), np.asarray(faces, np.int64)
+        if merge_tolerance is not None:
+            vertices, faces = merge_vertices(vertices, faces, merge_tolerance)
+        if fix_orientation:
+            faces = orient(vertices, faces)
+        report = check_surface(vertices, faces, **expected)
+    _raise_if_bad(raw.name, report)
+    x = np.asarray(vertices, dtype=np.float64)
+    return report, SurfaceMesh(np.asarray(faces, np.int64), 1, len(x)), jnp.asarray(x)
+
+
+def _curved(raw: _Raw, expected: dict) -> tuple[SurfaceReport, SurfaceMesh, Nodes]:
+    """A surface of degree 2 to 4 as this package wrote it."""
+    x = np.asarray(raw.x)
+    if x.ndim != 2 or x.shape[1] != 3 or x.dtype.kind != "f":
+        raise SurfaceError(f"{raw.name}: `x` needs real numbers of shape (n, 3); got {x.shape}.")
+    _refuse_overflow(raw.name, x)
+    try:
+        mesh = SurfaceMesh(raw.cells, raw.degree, len(x))
+    except ValueError as error:
+        raise SurfaceError(f"{raw.name}: {error}") from error
+    report = check_mesh(mesh, x, **expected)
+    _raise_if_bad(raw.name, report)
+    return report, mesh, jnp.asarray(x, dtype=np.float64)
+
+
+def _change_degree(
+    mesh: SurfaceMesh, x: Float[Array, "old_nodes 3"], degree: int
+) -> tuple[SurfaceMesh, Nodes]:
+    """The curved surface itself, seen at the nodes of another degree."""
+    if degree == mesh.degree:
+        return mesh, x
+    vertices = x[: mesh.n_vertices]
+    flat = SurfaceMesh(cells=mesh.triangles, degree=1, n_nodes=mesh.n_vertices)
+    new, new_x = raise_degree(flat, vertices, degree) if degree > 1 else (flat, vertices)
+    phi = lagrange_basis(mesh.degree, lagrange_nodes(degree))
+    values = np.einsum("ij,cjd->cid", phi, np.asarray(x)[np.asarray(mesh.cells)])
+    on_nodes = np.array(new_x)
+    on_nodes[np.asarray(new.cells)] = values
+    return new, jnp.asarray(on_nodes)
+
+
+def read_surface(
+    source: Any,
+    degree: int | None = None,
+    merge_tolerance: float | None = None,
+    fix_orientation: bool = False,
+    components: int = 1,
+    genus: int | None = None,
+    max_bytes: int = 2**30,
+) -> tuple[SurfaceMesh, Nodes]:
+    """Read a closed surface, check it, and raise it to a polynomial degree.
+
+    Nothing is repaired silently: a surface with holes, flipped or duplicate faces, unmerged or
+    unused vertices and the like (`jaxwillmore.mesh.check_surface` has the list) is an error that
+    names the places. Coordinates are kept as they are, whatever the unit of length; numbers in
+    single precision (binary PLY and STL usually hold nothing better) are converted to double.
+    Formats, in the order of preference: NPZ (exact, any degree), PLY, OFF, OBJ, STL.
+
+    STL files hold loose triangles. For them alone, corners at *exactly* the same place become one
+    vertex by default, because without it no STL file is a surface.
+
+    **Arguments:**
+
+    - `source`: a path ending in .ply, .off, .obj, .stl or .npz; a `trimesh.Trimesh` (never
+        changed); or a pair (vertices, faces).
+    - `degree`: 1 to 4. New nodes are put on a smooth curved surface through the vertices, not on
+        the flat triangles. Default: the degree in the file, which is 1 except for NPZ files
+        written by this package; those keep their own curved surface under a change of degree.
+    - `merge_tolerance`: make one vertex of vertices at most this far apart (same unit as the
+        coordinates).
+    - `fix_orientation`: turn faces over until all point outwards.
+    - `components`: how many separate pieces there should be.
+    - `genus`: how many handles there should be, if that is known.
+    - `max_bytes`: refuse larger files.
+
+    **Returns:** `(mesh, x)`.
+
+    **Raises:** `jaxwillmore.mesh.SurfaceError` (a `ValueError`) saying which file, what is wrong,
+    where, and what to do; `FileNotFoundError`; `IsADirectoryError`; `TypeError` for other sources.
+    Warns with `SurfaceWarning` about what may be wrong but can be used.
+
+    ```python
+    mesh, x = jw.io.read_surface("cell.ply", degree=2)
+    ```
+    """
+    if degree is not None and (isinstance(degree, bool) or degree not in (1, 2, 3, 4)):
+        raise ValueError(f"`degree` must be 1, 2, 3 or 4; got {degree!r}.")
+    if merge_tolerance is not None and not (merge_tolerance >= 0 and np.isfinite(merge_tolerance)):
+        raise ValueError(f"`merge_tolerance` must be a length >= 0; got {merge_tolerance}.")
+    raw = _raw(source, max_bytes)
+    expected = {"components": components, "genus": genus}
+    if raw.degree > 1:
+        report, mesh, x = _curved(raw, expected)
+        mesh, x = _change_degree(mesh, x, mesh.degree if degree is None else degree)
+    else:
+        report, mesh, x = _flat(raw, merge_tolerance, fix_orientation, expected)
+        if degree is not None and degree > 1:
+            mesh, x = raise_degree(mesh, x, degree)
+    _warn(raw.name, report)
+    return mesh, x

@@ -1,0 +1,9 @@
+"""Pictures for people: a surface with a field on it, the curves of a run.
+
+Needs the extra `viz` (matplotlib, and PyVista for the better pictures); importing this package
+does not import them.
+"""
+
+from ._error import PlotError as PlotError
+from ._history import history_picture as history_picture
+from ._surface import surface_picture as surface_picture
