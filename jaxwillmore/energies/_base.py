@@ -30,6 +30,17 @@ class AbstractEnergy(eqx.Module):
     __rmul__ = __mul__
 
 
+def terms_of(energy: AbstractEnergy) -> list[tuple[Float[Array, ""], AbstractEnergy]]:
+    """A sum taken apart: factors and energies that are no sums themselves."""
+    if not isinstance(energy, Combination):
+        return [(jnp.ones(()), energy)]
+    return [
+        (factor * inner, term)
+        for factor, part in zip(energy.factors, energy.terms, strict=True)
+        for inner, term in terms_of(part)
+    ]
+
+
 class Combination(AbstractEnergy):
     """A linear combination of energies."""
 

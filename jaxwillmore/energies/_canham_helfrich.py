@@ -6,6 +6,7 @@ from jaxtyping import Array, Float
 from ..fem import integrate
 from ..surface import mean_curvature_vector
 from ._base import AbstractEnergy
+from ._parameters import finite, positive
 
 
 class CanhamHelfrich(AbstractEnergy):
@@ -26,9 +27,9 @@ class CanhamHelfrich(AbstractEnergy):
     spontaneous_curvature: Float[Array, ""]
 
     def __init__(self, bending_modulus=0.5, gaussian_modulus=0.0, spontaneous_curvature=0.0):
-        self.bending_modulus = jnp.asarray(bending_modulus, float)
-        self.gaussian_modulus = jnp.asarray(gaussian_modulus, float)
-        self.spontaneous_curvature = jnp.asarray(spontaneous_curvature, float)
+        self.bending_modulus = positive("bending_modulus", bending_modulus)
+        self.gaussian_modulus = finite("gaussian_modulus", gaussian_modulus)
+        self.spontaneous_curvature = finite("spontaneous_curvature", spontaneous_curvature)
 
     def __call__(self, mesh, x):
         Y = mean_curvature_vector(mesh, x)

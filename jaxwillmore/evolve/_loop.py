@@ -92,7 +92,7 @@ class Loop:
                 if self.schedule is not None or dt < smallest:
                     result = reason
                 continue
-            history = history.push(jnp.asarray(t_new), attempt.x, attempt.U)
+            history = history.push(jnp.asarray(t_new), attempt.x, attempt.U, attempt.multipliers)
             self.times.append(t_new)
             t, energy = t_new, record["energy"]
             state = State(t, attempt.x, self.stepper.fields(attempt.U))
@@ -169,6 +169,8 @@ class Loop:
 
     def _accept(self, record, attempt: Attempt, state: State, dt: float, rejections: int) -> None:
         self.stats["steps"] += 1
+        names = self.stepper.problem.flow.global_names
+        record |= {name: float(attempt.multipliers[k]) for k, name in enumerate(names)}
         counts = {
             "newton_iterations": int(attempt.newton_iterations),
             "krylov_iterations": int(attempt.linear_iterations),

@@ -110,7 +110,7 @@ def replay(
     def step(history, inputs):
         w, t = inputs
         attempt = stepper(history, w, t)
-        new = history.push(t, attempt.x, attempt.U)
+        new = history.push(t, attempt.x, attempt.U, attempt.multipliers)
         return new, (attempt.x, attempt.U, attempt.result == optx.RESULTS.successful)
 
     if checkpoint:

@@ -25,14 +25,20 @@ class History(eqx.Module):
     times: Float[Array, " depth"]
     x: Float[Array, "depth nodes 3"]
     U: Float[Array, "depth nodes fields"]
+    multipliers: Float[Array, "depth globals"]
 
-    def push(self, t, x, U) -> "History":
+    def push(self, t, x, U, multipliers) -> "History":
         """The history after a step; the oldest state leaves."""
 
         def roll(old, new):
             return jnp.concatenate([jnp.asarray(new)[None], old[:-1]])
 
-        return History(roll(self.times, t), roll(self.x, x), roll(self.U, U))
+        return History(
+            roll(self.times, t),
+            roll(self.x, x),
+            roll(self.U, U),
+            roll(self.multipliers, multipliers),
+        )
 
 
 class Weights(eqx.Module):
@@ -72,6 +78,7 @@ class Attempt(eqx.Module):
 
     x: Float[Array, "nodes 3"]
     U: Float[Array, "nodes fields"]
+    multipliers: Float[Array, " globals"]
     result: optx.RESULTS
     error: Float[Array, ""]
     newton_iterations: Int[Array, ""]
@@ -110,6 +117,11 @@ class Stepper(eqx.Module):
     ):
         if scheme not in SCHEMES:
             raise ValueError(f"`scheme` must be one of {SCHEMES}; got {scheme!r}.")
+        if scheme != "implicit" and flow.n_globals:
+            raise ValueError(
+                f"The {scheme} scheme has no global unknowns, but the flow has "
+                f"{flow.global_names}; use scheme='implicit'."
+            )
         pattern = block_pattern(mesh.cells, mesh.n_nodes)
         self.problem = Problem(flow, mesh, rule_for(mesh), pattern)
         self.scheme, self.newton_tolerance = scheme, newton_tolerance
@@ -128,13 +140,15 @@ class Stepper(eqx.Module):
 
         # Distinct times keep the unused rows of every formula finite.
         times = t0 - jnp.arange(depth, dtype=float)
-        return History(times, repeat(jnp.asarray(x0)), repeat(U))
+        multipliers = jnp.zeros(self.problem.flow.n_globals)
+        return History(times, repeat(jnp.asarray(x0)), repeat(U), repeat(multipliers))
 
     def _data(self, history: History, w: Weights, t) -> StepData:
         p = self.problem
         c = w.derivative
         x_hat = jnp.tensordot(w.hat, history.x, axes=1)
         return StepData(
+            t=t,
             c0=c[0],
             x_memory=jnp.tensordot(c[1:], history.x, axes=1),
             memory=jnp.tensordot(c[1:], history.U, axes=1),
@@ -161,51 +175,52 @@ class Stepper(eqx.Module):
         """Step from the history to time `t`; differentiable, forward and reverse."""
         data = self._data(history, w, t)
         guess = jnp.tensordot(w.guess, history.U, axes=1)
-        run = self._implicit if self.scheme == "implicit" else self._linear
-        x, U, result, stats = run(data, guess)
+        if self.scheme == "implicit":
+            tail = jnp.tensordot(w.guess, history.multipliers, axes=1)
+            x, U, multipliers, result, stats = self._implicit(data, guess, tail)
+        else:
+            x, U, result, stats = self._linear(data, guess)
+            multipliers = history.multipliers[0]
         predicted = jnp.tensordot(w.predictor, history.x, axes=1)
         order = jnp.maximum(jnp.sum(w.derivative != 0) - 1, 1)
         extent = jnp.max(jnp.ptp(history.x[0], axis=0))
         error = jnp.max(jnp.linalg.norm(_safe(x - predicted), axis=1)) / ((order + 1) * extent)
-        return Attempt(x, U, result, jnp.where(jnp.all(jnp.isfinite(x)), error, jnp.inf), **stats)
+        error = jnp.where(jnp.all(jnp.isfinite(x)), error, jnp.inf)
+        return Attempt(x, U, multipliers, result, error, **stats)
 
-    def _implicit(self, data, guess):
+    def _implicit(self, data, guess, multipliers):
         flow = self.problem.flow
         newton, adjoint = self._solvers(column_groups(flow.layout, flow.stages), False)
         system = ImplicitStep(self.problem, data)
-        scales = flow.scales(data.length)
         solution = optx.root_find(
             _residual,
             newton,
-            jax.lax.stop_gradient(guess / scales),
+            jax.lax.stop_gradient(system.pack(guess, multipliers)),
             system,
             max_steps=self.max_newton,
             adjoint=adjoint,
             throw=False,
         )
-        U = solution.value * scales
-        return system.positions(U), U, solution.result, _stats(solution)
+        U, multipliers = system.unpack(solution.value)
+        return system.positions(U), U, multipliers, solution.result, _stats(solution)
 
     def _linear(self, data, guess):
         flow = self.problem.flow
         known, result, totals = data.hat, optx.RESULTS.successful, None
         for stage in flow.stages:
-            layout = flow.layout.restrict(stage)
-            newton, adjoint = self._solvers(column_groups(layout, (stage,)), True)
+            groups = column_groups(flow.layout.restrict(stage), (stage,))
+            newton, adjoint = self._solvers(groups, True)
             system = LinearStage(self.problem, data, known, stage)
-            scales = system.select(flow.scales(data.length))
             solution = optx.root_find(
                 _residual,
                 newton,
-                jax.lax.stop_gradient(system.select(guess) / scales),
+                jax.lax.stop_gradient(system.pack(guess)),
                 system,
                 max_steps=2,
                 adjoint=adjoint,
                 throw=False,
             )
-            for name, value in layout.split(solution.value * scales, axis=1).items():
-                columns = flow.layout.columns(name)
-                known = known.at[:, columns].set(value.reshape(known.shape[0], -1))
+            known = system.unpack(solution.value)
             result = optx.RESULTS.where(result == optx.RESULTS.successful, solution.result, result)
             stats = _stats(solution)
             totals = stats if totals is None else jax.tree.map(jnp.add, totals, stats)

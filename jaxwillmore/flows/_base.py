@@ -19,13 +19,15 @@ class AbstractFlow(eqx.Module):
     """
 
     # The unknown fields, in column order.
-    layout: eqx.AbstractClassVar[Layout]
+    layout: eqx.AbstractVar[Layout]
     # The unknowns whose equation has a material derivative; the others are algebraic.
-    evolving: eqx.AbstractClassVar[tuple[str, ...]]
+    evolving: eqx.AbstractVar[tuple[str, ...]]
     # Nodal data of a step.
-    data: eqx.AbstractClassVar[Layout]
+    data: eqx.AbstractVar[Layout]
+    # Names of the global unknowns, in order.
+    global_names: eqx.AbstractVar[tuple[str, ...]]
     # Groups of unknowns that decouple when the coefficients are frozen, in order of solution.
-    stages: eqx.AbstractClassVar[tuple[tuple[str, ...], ...]]
+    stages: eqx.AbstractVar[tuple[tuple[str, ...], ...]]
 
     @abc.abstractmethod
     def equation(
@@ -38,11 +40,34 @@ class AbstractFlow(eqx.Module):
         data: SimpleNamespace,
         chi,
     ) -> Float[Array, ""]:
-        """The equation tested with `chi`, the test function that carries `name`, at one point."""
+        """The equation tested with `chi`, the test function that carries `name`, at one point.
+
+        `data` holds the jets of the nodal data and, as `data.multipliers`, the global unknowns.
+        """
 
     @abc.abstractmethod
     def velocity(self, nodal: SimpleNamespace) -> Float[Array, "3"]:
         """Velocity of one node from the unknowns there."""
+
+    @property
+    def n_globals(self) -> int:
+        """Number of global unknowns: multipliers and pressures."""
+        return len(self.global_names)
+
+    @abc.abstractmethod
+    def closures(
+        self,
+        mesh: SurfaceMesh,
+        t: Float[Array, ""],
+        x: Float[Array, "nodes 3"],
+        fields: dict[str, Array],
+        multipliers: Float[Array, " globals"],
+    ) -> Float[Array, " globals"]:
+        """One equation per global unknown at the new nodes and fields, scaled to order one."""
+
+    @abc.abstractmethod
+    def global_scales(self, length: Float[Array, ""]) -> Float[Array, " globals"]:
+        """Typical size of every global unknown."""
 
     @abc.abstractmethod
     def nodal_data(

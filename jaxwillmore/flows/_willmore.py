@@ -120,6 +120,7 @@ class WillmoreFlow(AbstractFlow):
     layout: ClassVar[Layout] = Layout(("H", "V", "nu", "z"), (1, 1, 3, 3))
     evolving: ClassVar[tuple[str, ...]] = ("H", "nu")
     data: ClassVar[Layout] = Layout(("alpha", "force"), (1, 1))
+    global_names: ClassVar[tuple[str, ...]] = ()
     stages: ClassVar[tuple[tuple[str, ...], ...]] = (("nu", "z"), ("H", "V"))
 
     def __init__(
@@ -156,6 +157,12 @@ class WillmoreFlow(AbstractFlow):
     def velocity(self, nodal: SimpleNamespace) -> Float[Array, "3"]:
         """(10e)  v = V ν, node by node."""
         return nodal.V * nodal.nu
+
+    def closures(self, mesh, t, x, fields, multipliers):
+        return jnp.zeros(0)
+
+    def global_scales(self, length):
+        return jnp.zeros(0)
 
     def nodal_data(self, mesh, t, x, fields, x_hat):
         A2 = nodal_weingarten_squared(mesh, x, fields["nu"])

@@ -1,7 +1,7 @@
 """Sparse linear and nonlinear systems; knows nothing about surfaces."""
 
 from ._newton import SparseNewton as SparseNewton
-from ._operator import SparseOperator as SparseOperator
+from ._operator import Border as Border, SparseOperator as SparseOperator
 from ._pattern import (
     BlockPattern as BlockPattern,
     block_pattern as block_pattern,

@@ -47,7 +47,7 @@ class GaussSeidel:
         return out.transpose(0, 2, 1).reshape(self._n, copies * width)
 
     def apply(self, vector: np.ndarray, transpose: bool) -> np.ndarray:
-        """Approximate solution of the (transposed) system for a flat vector."""
+        """Approximate solution of the (transposed) system for a flat nodal vector."""
         r = vector.reshape(self._n, -1)
         parts = [np.ascontiguousarray(r[:, c]) for c in self._columns]
         x = [None] * len(parts)
@@ -64,3 +64,44 @@ class GaussSeidel:
         for c, part in zip(self._columns, x, strict=True):
             out[:, c] = part
         return out.reshape(-1)
+
+
+class Bordered:
+    """A matrix with a border, and a preconditioner for it from one for its nodal part.
+
+    Block elimination: with an approximate inverse P of the nodal part, W = P B is computed once per
+    matrix, and the Schur complement D - C W is exact for that P.
+    """
+
+    def __init__(self, matrix, columns: np.ndarray, rows: np.ndarray, corner: np.ndarray):
+        self._n_globals = len(corner)
+        self._matrix = matrix
+        size = matrix.shape[0]
+        self._B = columns.reshape(self._n_globals, size).T
+        self._C = rows.reshape(self._n_globals, size)
+        self._D = corner
+
+    def times(self, vector: np.ndarray, transpose: bool) -> np.ndarray:
+        """The product with the bordered matrix or its transpose."""
+        A = self._matrix.T if transpose else self._matrix
+        if self._n_globals == 0:
+            return A @ vector
+        B, C, D = (self._C.T, self._B.T, self._D.T) if transpose else (self._B, self._C, self._D)
+        nodal, tail = vector[: -self._n_globals], vector[-self._n_globals :]
+        return np.concatenate([A @ nodal + B @ tail, C @ nodal + D @ tail])
+
+    def preconditioner(self, apply, transpose: bool):
+        """Extend `apply`, which maps nodal vectors, to the bordered vector."""
+        m = self._n_globals
+        if m == 0:
+            return apply
+        B, C, D = (self._C.T, self._B.T, self._D.T) if transpose else (self._B, self._C, self._D)
+        W = np.stack([apply(np.ascontiguousarray(column)) for column in B.T], axis=1)
+        schur = D - C @ W
+
+        def extended(vector):
+            first = apply(vector[:-m])
+            tail = np.linalg.lstsq(schur, vector[-m:] - C @ first, rcond=None)[0]
+            return np.concatenate([first - W @ tail, tail])
+
+        return extended

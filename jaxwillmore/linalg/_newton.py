@@ -19,10 +19,12 @@ KEEP = 0.15
 # there the residual may already be at rounding level and need not fall.
 TRUST = 1e-3
 SMALLEST_DAMPING = 1.0 / 16.0
+# Residual of a global equation, which its system scales to order one.
+EXACT = 1e-12
 
 
 class _State(eqx.Module):
-    f: Float[Array, "nodes fields"]
+    f: Float[Array, " unknowns"]
     linear: PreparedMatrix
     renew: Bool[Array, ""]
     size: Float[Array, ""]
@@ -71,9 +73,13 @@ class SparseNewton(optx.AbstractRootFinder):
                 f"SparseNewton needs `args` to be an AbstractSparseSystem; got {type(args)}."
             )
         f, _ = fn(y, args)
-        shape = jax.eval_shape(lambda: args.jacobian(y).data)
-        operator = SparseOperator(jnp.zeros(shape.shape, shape.dtype), args.pattern)
+        shape = jax.eval_shape(lambda: args.jacobian(y))
         # Nothing is prepared yet: the first step renews.
+        operator = SparseOperator(
+            jnp.zeros(shape.data.shape),
+            args.pattern,
+            jax.tree.map(lambda s: jnp.zeros(s.shape), shape.border),
+        )
         linear = PreparedMatrix(jnp.asarray(0, jnp.int64), operator)
         inf, zero = jnp.asarray(jnp.inf), jnp.asarray(0)
         return _State(
@@ -150,10 +156,14 @@ class SparseNewton(optx.AbstractRootFinder):
         return jax.lax.while_loop(insufficient, halve, start)
 
     def terminate(self, fn, y, args, options, state, tags):
-        del fn, y, args, options, tags
+        del fn, y, options, tags
         theta = state.contraction
         error = jnp.where(theta < 1, theta / jnp.maximum(1 - theta, 1e-3), jnp.inf) * state.size
         converged = (error <= self.atol) | (state.size <= 1e-2 * self.atol)
+        if args.n_globals:
+            # Global equations are constraints: they hold to the end, not to the tolerance.
+            tail = state.f[-args.n_globals :]
+            converged = converged & (jnp.max(jnp.abs(tail)) <= EXACT)
         converged = (converged & (state.damping == 1.0)) | self.linear
         started = state.step > 0
         diverged = started & (theta > 2.0) & jnp.isfinite(theta) & (state.size > self.atol)

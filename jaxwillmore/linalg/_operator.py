@@ -9,37 +9,81 @@ from jaxtyping import Array, Float
 from ._pattern import BlockPattern
 
 
+class Border(eqx.Module):
+    """Dense rows and columns for a few global unknowns beside the nodal ones.
+
+    **Attributes:**
+
+    - `columns[k]`: derivative of the nodal equations by global unknown `k`.
+    - `rows[k]`: derivative of global equation `k` by the nodal unknowns.
+    - `corner`: derivative of the global equations by the global unknowns.
+    """
+
+    columns: Float[Array, "globals nodes fields"]
+    rows: Float[Array, "globals nodes fields"]
+    corner: Float[Array, "globals globals"]
+
+
+def no_border(n_nodes: int, n_fields: int) -> Border:
+    """The border of a system without global unknowns."""
+    empty = jnp.zeros((0, n_nodes, n_fields))
+    return Border(empty, empty, jnp.zeros((0, 0)))
+
+
 class SparseOperator(lx.AbstractLinearOperator):
-    """A square matrix of dense blocks on a `BlockPattern`, acting on nodal arrays.
+    r"""A square matrix of dense blocks on a `BlockPattern`, with a border for global unknowns.
+
+    It acts on flat vectors: first the nodal unknowns, node by node, then the global ones,
+
+    $$ \begin{pmatrix} A & B \\ C & D \end{pmatrix} $$
+
+    with $A$ block-sparse and $B$, $C$, $D$ the border.
 
     **Arguments:**
 
     - `data`: the blocks, in the order of the pattern; `data[k, f, g]` couples equation `f` at node
       `rows[k]` to unknown `g` at node `cols[k]`.
     - `pattern`: where the blocks sit.
+    - `border`: rows and columns of the global unknowns, if there are any.
     - `transposed`: act as the transpose. No data moves.
     """
 
     data: Float[Array, "blocks fields fields"]
     pattern: BlockPattern
-    transposed: bool = eqx.field(static=True, default=False)
+    border: Border
+    transposed: bool = eqx.field(static=True)
 
-    def mv(self, vector: Float[Array, "nodes fields"]) -> Float[Array, "nodes fields"]:
+    def __init__(self, data, pattern: BlockPattern, border: Border | None = None, transposed=False):
+        if border is None:
+            border = no_border(pattern.n_nodes, data.shape[-1])
+        self.data, self.pattern, self.border, self.transposed = data, pattern, border, transposed
+
+    @property
+    def n_globals(self) -> int:
+        """Number of global unknowns."""
+        return self.border.corner.shape[0]
+
+    def mv(self, vector: Float[Array, " unknowns"]) -> Float[Array, " unknowns"]:
+        fields = self.data.shape[-1]
+        n_nodal = self.pattern.n_nodes * fields
+        nodal, tail = vector[:n_nodal].reshape(-1, fields), vector[n_nodal:]
         source, target = self.pattern.cols, self.pattern.rows
-        spec = "bfg,bg->bf"
+        spec, B, C, D = "bfg,bg->bf", self.border.columns, self.border.rows, self.border.corner
         if self.transposed:
-            source, target, spec = target, source, "bfg,bf->bg"
-        products = jnp.einsum(spec, self.data, vector[source])
-        return jnp.zeros_like(vector).at[target].add(products)
+            source, target, spec, B, C, D = target, source, "bfg,bf->bg", C, B, D.T
+        out = jnp.zeros_like(nodal).at[target].add(jnp.einsum(spec, self.data, nodal[source]))
+        out = out + jnp.tensordot(tail, B, axes=1)
+        return jnp.concatenate([out.reshape(-1), jnp.tensordot(C, nodal, axes=2) + D @ tail])
 
     def as_matrix(self):
         raise ValueError("A SparseOperator is never made dense; solve with `linalg.SparseSolver`.")
 
     def transpose(self):
-        return SparseOperator(self.data, self.pattern, not self.transposed)
+        return SparseOperator(self.data, self.pattern, self.border, not self.transposed)
 
     def in_structure(self):
-        return jax.ShapeDtypeStruct((self.pattern.n_nodes, self.data.shape[-1]), self.data.dtype)
+        size = self.pattern.n_nodes * self.data.shape[-1] + self.n_globals
+        return jax.ShapeDtypeStruct((size,), self.data.dtype)
 
     def out_structure(self):
         return self.in_structure()

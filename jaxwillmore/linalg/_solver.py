@@ -33,6 +33,10 @@ def _arrays(pattern: BlockPattern):
     return pattern.indptr, pattern.cols, pattern.rows, pattern.order, pattern.key
 
 
+def _border(operator: SparseOperator):
+    return operator.border.columns, operator.border.rows, operator.border.corner
+
+
 class PreparedMatrix(eqx.Module):
     """A matrix that the host knows under `handle`."""
 
@@ -76,17 +80,18 @@ class SparseSolver(lx.AbstractLinearSolver):
     def init(self, operator: lx.AbstractLinearOperator, options: dict[str, Any]) -> PreparedMatrix:
         del options
         operator = _assembled(operator)
-        data = jax.lax.stop_gradient(operator.data)
+        operator = jax.lax.stop_gradient(operator)
         handle = jax.pure_callback(
             ft.partial(HOST.prepare, _backend(self.groups, self.method)),
             jax.ShapeDtypeStruct((), jnp.int64),
-            data,
+            operator.data,
+            _border(operator),
             _arrays(operator.pattern),
             vmap_method="sequential",
         )
-        return PreparedMatrix(handle, SparseOperator(data, operator.pattern, operator.transposed))
+        return PreparedMatrix(handle, operator)
 
-    def compute(self, state: PreparedMatrix, vector: Float[Array, "nodes fields"], options):
+    def compute(self, state: PreparedMatrix, vector: Float[Array, " unknowns"], options):
         del options
         operator = state.operator
         x, iterations, outcome = jax.pure_callback(
@@ -100,6 +105,7 @@ class SparseSolver(lx.AbstractLinearSolver):
             ),
             state.handle,
             operator.data,
+            _border(operator),
             vector,
             _arrays(operator.pattern),
             vmap_method="sequential",

@@ -1,0 +1,153 @@
+"""Tension, pressure, osmosis and exact constraints on top of a flow."""
+
+from collections.abc import Callable
+from types import SimpleNamespace
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array, Float
+
+from ..energies import AbstractEnergy, AbstractGlobalEnergy, terms_of
+from ..fem import Jet, inner, integrate, trace
+from ..surface import area, volume, weingarten
+from ._base import AbstractFlow
+
+
+class Loaded(AbstractFlow):
+    r"""A flow with forces that depend on the surface as a whole, or hold its area and volume.
+
+    The law becomes $V = \dots - \sigma H + P - 2 m K$ with the tension $\sigma$, the pressure $P$
+    (inside minus outside; positive inflates) and the curvature multiplier $m$ of $\int H$. All
+    three are unknowns of the Newton system of every step. For an energy $f(A, V_p, M)$ of area,
+    volume and $M = \int H$ they are its partial derivatives,
+
+    $$ \sigma = \partial_A f, \qquad P = -\partial_V f, \qquad m = \partial_M f; $$
+
+    where area or volume are prescribed, $\sigma$ or $P$ is the Lagrange multiplier instead, and the
+    prescribed value holds to rounding at every step.
+
+    **Arguments:**
+
+    - `flow`: the flow of the local energy.
+    - `energy`: a global energy (`SurfaceTension`, `OsmoticPressure`, ...), a sum of such, or `None`.
+    - `fixed_area`: the area, or a function of time; `None` leaves it free.
+    - `fixed_volume`: the enclosed volume, or a function of time; `None` leaves it free.
+
+    **Raises:** `ValueError` for an energy that is not global, a prescribed area or volume that is not positive, or a pair that no
+    surface has (reduced volume above 1).
+    """
+
+    flow: AbstractFlow
+    global_energy: AbstractEnergy | None
+    fixed_area: Float[Array, ""] | Callable | None
+    fixed_volume: Float[Array, ""] | Callable | None
+
+    def __init__(self, flow, energy=None, *, fixed_area=None, fixed_volume=None):
+        for _, term in [] if energy is None else terms_of(energy):
+            if not isinstance(term, AbstractGlobalEnergy):
+                raise ValueError(
+                    f"`energy` must be a sum of global energies; {type(term).__name__} is local "
+                    "and belongs into the flow."
+                )
+        self.flow, self.global_energy = flow, energy
+        self.fixed_area = _target("fixed_area", fixed_area)
+        self.fixed_volume = _target("fixed_volume", fixed_volume)
+        targets = (self.fixed_area, self.fixed_volume)
+        if all(eqx.is_array(a) and not isinstance(a, jax.core.Tracer) for a in targets):
+            v = 6 * jnp.sqrt(jnp.pi) * self.fixed_volume / self.fixed_area**1.5
+            if v > 1:
+                raise ValueError(
+                    f"No surface of area {float(self.fixed_area):.6g} encloses the volume "
+                    f"{float(self.fixed_volume):.6g}: the reduced volume would be {float(v):.6g}, "
+                    "and 1 (the sphere) is the largest possible."
+                )
+
+    @property
+    def layout(self):
+        return self.flow.layout
+
+    @property
+    def evolving(self):
+        return self.flow.evolving
+
+    @property
+    def data(self):
+        return self.flow.data
+
+    @property
+    def stages(self):
+        return self.flow.stages
+
+    @property
+    def global_names(self) -> tuple[str, ...]:
+        return ("tension", "pressure", "curvature_multiplier")
+
+    def equation(self, name, point, rate, hat, trial, data, chi):
+        sigma, P, m = data.multipliers
+        A, H = weingarten(hat.nu), hat.H.value
+        twice_K = trace(A) ** 2 - inner(A, A)
+        load = -sigma * H + P - m * twice_K
+        force = Jet(data.force.value + load, data.force.grad)
+        loaded = SimpleNamespace(**{**vars(data), "force": force})
+        return self.flow.equation(name, point, rate, hat, trial, loaded, chi)
+
+    def velocity(self, nodal):
+        return self.flow.velocity(nodal)
+
+    def closures(self, mesh, t, x, fields, multipliers):
+        sigma, P, m = multipliers
+        A, V = area(mesh, x), volume(mesh, x)
+        length = jnp.sqrt(A / (4 * jnp.pi))
+        scales = jax.lax.stop_gradient(self.global_scales(length))
+        M = integrate(mesh, x, lambda _, f: f.H.value, {"H": fields["H"]})
+        slopes = 3 * (jnp.zeros(()),)
+        if self.global_energy is not None:
+            slopes = jax.grad(self._potential, argnums=(0, 1, 2))(A, V, M)
+        rows = [
+            (sigma - slopes[0]) / scales[0],
+            (P + slopes[1]) / scales[1],
+            (m - slopes[2]) / scales[2],
+        ]
+        if self.fixed_area is not None:
+            rows[0] = A / _at(self.fixed_area, t) - 1
+        if self.fixed_volume is not None:
+            rows[1] = V / _at(self.fixed_volume, t) - 1
+        return jnp.stack(rows)
+
+    def _potential(self, A, V, M):
+        parts = terms_of(self.global_energy)
+        return sum(factor * term.of(A, V, M) for factor, term in parts)
+
+    def global_scales(self, length):
+        force = length / self.flow.time_scale(length)
+        return jnp.stack([force * length, force, force * length**2])
+
+    def nodal_data(self, mesh, t, x, fields, x_hat):
+        return self.flow.nodal_data(mesh, t, x, fields, x_hat)
+
+    def initial_fields(self, mesh, x, given):
+        return self.flow.initial_fields(mesh, x, given)
+
+    def energy(self, mesh, x):
+        total = self.flow.energy(mesh, x)
+        return total if self.global_energy is None else total + self.global_energy(mesh, x)
+
+    def scales(self, length):
+        return self.flow.scales(length)
+
+    def time_scale(self, length):
+        return self.flow.time_scale(length)
+
+
+def _target(name: str, value):
+    if value is None or callable(value):
+        return value
+    value = jnp.asarray(value, float)
+    if not isinstance(value, jax.core.Tracer) and not (jnp.isfinite(value) and value > 0):
+        raise ValueError(f"`{name}` must be positive; got {float(value)}.")
+    return value
+
+
+def _at(target, t):
+    return target(t) if callable(target) else target
