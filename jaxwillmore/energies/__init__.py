@@ -11,5 +11,9 @@ from ._global import (
     SurfaceTension as SurfaceTension,
     VolumePenalty as VolumePenalty,
 )
-from ._parameters import finite as finite, positive as positive
+from ._parameters import (
+    finite as finite,
+    non_negative as non_negative,
+    positive as positive,
+)
 from ._willmore import Willmore as Willmore, willmore_of_field as willmore_of_field

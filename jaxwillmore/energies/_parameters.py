@@ -19,6 +19,14 @@ def finite(name: str, value) -> Float[Array, ""]:
     return jnp.asarray(array, float)
 
 
+def non_negative(name: str, value) -> Float[Array, ""]:
+    """As `finite`, and not negative."""
+    array = finite(name, value)
+    if not isinstance(array, jax.core.Tracer) and array < 0:
+        raise ValueError(f"`{name}` must not be negative; got {value!r}.")
+    return array
+
+
 def positive(name: str, value) -> Float[Array, ""]:
     """As `finite`, and positive."""
     array = finite(name, value)

@@ -48,7 +48,7 @@ def evolve(
     saveat: float | Sequence[float] | None = None,
     max_steps: int = 10_000,
     throw: bool = True,
-    observer: Callable[[dict[str, float], State], None] | None = None,
+    observer: Callable[[dict[str, float | int], State], None] | None = None,
     on_save: Callable[[State], None] | None = None,
     energy_tolerance: float | None = 1e-5,
     newton_tolerance: float = 1e-8,

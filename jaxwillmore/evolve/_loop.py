@@ -17,6 +17,11 @@ from ._solution import RESULTS, Solution, State
 from ._stepper import Attempt, History, Stepper, weights
 
 
+# Accepted rises of the energy may add up to this multiple of the tolerance for one step. A relaxed
+# equilibrium is not the minimiser of a discrete energy and may settle slightly above the least one.
+CREEP = 300.0
+
+
 @eqx.filter_jit
 def _attempt(stepper: Stepper, history: History, w, t) -> Attempt:
     return stepper(history, w, t)
@@ -38,7 +43,7 @@ class Loop:
         stationary_tolerance: float | None,
         max_steps: int,
         saver: Saver,
-        observer: Callable[[dict[str, float], State], None] | None,
+        observer: Callable[[dict[str, float | int], State], None] | None,
         on_save: Callable[[State], None] | None,
     ):
         self.stepper, self.controller, self.schedule, self.order = (
@@ -49,7 +54,7 @@ class Loop:
         )
         self.stationary_tolerance, self.max_steps = stationary_tolerance, max_steps
         self.saver, self.observer, self.on_save = saver, observer, on_save
-        self.records: list[dict[str, float]] = []
+        self.records: list[dict[str, float | int]] = []
         self.times: list[float] = []
         self.saved: list[State] = []
         self.stats: dict[str, Any] = {
@@ -71,7 +76,7 @@ class Loop:
         state = State(t0, x0, self._initial_fields(history))
         self.times.append(t0)
         energy = float(flow.energy(mesh, x0))
-        self._scale = 0.1 * abs(energy)
+        self._scale, self._least = 0.1 * abs(energy), energy
         smallest = self.controller.smallest * dt
         t, rejections, result = t0, 0, None
         self._save([state])
@@ -95,6 +100,7 @@ class Loop:
             history = history.push(jnp.asarray(t_new), attempt.x, attempt.U, attempt.multipliers)
             self.times.append(t_new)
             t, energy = t_new, record["energy"]
+            self._least = min(self._least, energy)
             state = State(t, attempt.x, self.stepper.fields(attempt.U))
             self._accept(record, attempt, state, dt, rejections)
             self._save(self.saver.passed(history, len(self.times)))
@@ -143,12 +149,12 @@ class Loop:
         dt = min(dt, 0.5 * left)
         return dt, t + dt
 
-    def _record(self, attempt: Attempt, t: float) -> dict[str, float]:
+    def _record(self, attempt: Attempt, t: float) -> dict[str, float | int]:
         p = self.stepper.problem
         values = diagnostics(p.flow, p.mesh, attempt.x, self.stepper.fields(attempt.U))
         return {"t": t} | {name: float(value) for name, value in values.items()}
 
-    def _judge(self, attempt: Attempt, record: dict[str, float], energy: float):
+    def _judge(self, attempt: Attempt, record: dict[str, float | int], energy: float):
         """Why the step is rejected, with the factor for the next try; (None, 1) accepts."""
         if not math.isfinite(record["energy"]) or not math.isfinite(float(attempt.error)):
             return RESULTS.not_finite, 0.25
@@ -156,8 +162,9 @@ class Loop:
             return RESULTS.step_too_small, 0.25
         if record["alignment"] <= 0:
             return RESULTS.element_inverted, 0.5
-        rise = self.controller.energy_tolerance * max(abs(energy), self._scale)
-        if record["energy"] > energy + rise:
+        scale = max(abs(energy), self._scale)
+        rise = self.controller.energy_tolerance * scale
+        if record["energy"] > energy + rise or record["energy"] > self._least + CREEP * rise:
             return RESULTS.energy_rising, 0.5
         if self.schedule is None and float(attempt.error) > self.controller.rtol:
             return RESULTS.step_too_small, 0.5
@@ -187,6 +194,6 @@ class Loop:
             if self.on_save is not None:
                 self.on_save(state)
 
-    def _is_stationary(self, record: dict[str, float]) -> bool:
+    def _is_stationary(self, record: dict[str, float | int]) -> bool:
         tolerance = self.stationary_tolerance
         return tolerance is not None and record["stationarity"] <= tolerance

@@ -36,7 +36,7 @@ def _all_weights(times: Float[Array, " times"], depth: int, order: int) -> Weigh
         known = min(k + 1, depth)
         # Newest first; rows before the start hold distinct times that no formula uses.
         past = times[k::-1][:known] if k >= 0 else times[:1]
-        filler = times[0] - 1.0 - jnp.arange(depth - known)
+        filler = times[0] - 1.0 - jnp.arange(depth - known, dtype=float)
         return weights(jnp.concatenate([past[:known], filler]), times[k + 1], known, order)
 
     first = [of(k) for k in range(min(n, depth - 1))]

@@ -106,7 +106,7 @@ class Solution(eqx.Module):
     saved: tuple[State, ...]
     state: State
     times: tuple[float, ...]
-    records: tuple[dict[str, float], ...]
+    records: tuple[dict[str, float | int], ...]
     result: RESULTS
     stats: dict[str, Any]
 

@@ -126,14 +126,14 @@ class ImplicitStep(AbstractSparseSystem):
         """The scaled unknowns of fields and global unknowns."""
         flow, length = self.problem.flow, self.step.length
         tail = multipliers / flow.global_scales(length)
-        return jnp.concatenate([(U / flow.scales(length)).reshape(-1), tail])
+        return jnp.concatenate([(U / flow.scales(length)[None, :]).reshape(-1), tail])
 
     def unpack(self, y: Float[Array, " unknowns"]):
         """Fields and global unknowns; the inverse of `pack`."""
         flow, length = self.problem.flow, self.step.length
         scales = flow.scales(length)
         n = self.problem.mesh.n_nodes * scales.shape[0]
-        return y[:n].reshape(-1, scales.shape[0]) * scales, y[n:] * flow.global_scales(length)
+        return y[:n].reshape(-1, scales.shape[0]) * scales[None, :], y[n:] * flow.global_scales(length)
 
     def positions(self, U: Float[Array, "nodes fields"]) -> Float[Array, "nodes 3"]:
         """Nodes at the new time for the unscaled unknowns `U`."""
@@ -154,7 +154,7 @@ class ImplicitStep(AbstractSparseSystem):
         p = self.problem
         form, Z, args = self._form(multipliers)
         F = residual(form, p.mesh, p.rule, self.positions(U), U, Z, args)
-        return F * _row_scales(p.flow, p.mesh, self.step)
+        return F * _row_scales(p.flow, p.mesh, self.step)[None, :]
 
     def _closures(self, U, multipliers):
         p = self.problem
@@ -176,7 +176,7 @@ class ImplicitStep(AbstractSparseSystem):
         dx = jax.vmap(jax.jacfwd(self._velocity))(U) / self.step.c0
         local = cell_jacobians(form, p.mesh, p.rule, self.positions(U), U, Z, args, dx)
         rows = _row_scales(p.flow, p.mesh, self.step)
-        blocks = scatter_blocks(p.pattern, local) * rows[:, None] * columns
+        blocks = scatter_blocks(p.pattern, local) * (rows[:, None] * columns[None, :])[None]
         if not self.n_globals:
             return SparseOperator(blocks, p.pattern)
         scales = p.flow.global_scales(self.step.length)
@@ -184,8 +184,8 @@ class ImplicitStep(AbstractSparseSystem):
         by_field, corner = jax.jacrev(self._closures, argnums=(0, 1))(U, multipliers)
         border = Border(
             jnp.moveaxis(by_multiplier, -1, 0) * scales[:, None, None],
-            by_field * columns,
-            corner * scales,
+            by_field * columns[None, None, :],
+            corner * scales[None, :],
         )
         return SparseOperator(blocks, p.pattern, border)
 
@@ -212,7 +212,7 @@ class LinearStage(AbstractSparseSystem):
 
     def pack(self, U: Float[Array, "nodes fields"]):
         """The scaled unknowns of this stage out of all fields."""
-        return (self._select(U) / self._columns()).reshape(-1)
+        return (self._select(U) / self._columns()[None, :]).reshape(-1)
 
     def unpack(self, y: Float[Array, " unknowns"]) -> Float[Array, "nodes fields"]:
         """All fields, with those of this stage taken from the scaled unknowns."""
@@ -231,7 +231,7 @@ class LinearStage(AbstractSparseSystem):
 
     def _unscaled(self, y):
         columns = self._columns()
-        return y.reshape(-1, columns.shape[0]) * columns
+        return y.reshape(-1, columns.shape[0]) * columns[None, :]
 
     def _form(self):
         flow = self.problem.flow
@@ -249,7 +249,7 @@ class LinearStage(AbstractSparseSystem):
         p = self.problem
         form, Z, args = self._form()
         F = residual(form, p.mesh, p.rule, self.step.x_hat, self._unscaled(y), Z, args)
-        return (F * self._select(_row_scales(p.flow, p.mesh, self.step))).reshape(-1)
+        return (F * self._select(_row_scales(p.flow, p.mesh, self.step))[None, :]).reshape(-1)
 
     def jacobian(self, y):
         p = self.problem
@@ -257,5 +257,5 @@ class LinearStage(AbstractSparseSystem):
         U = self._unscaled(y)
         local = cell_jacobians(form, p.mesh, p.rule, self.step.x_hat, U, Z, args)
         rows = self._select(_row_scales(p.flow, p.mesh, self.step))
-        blocks = scatter_blocks(p.pattern, local) * rows[:, None] * self._columns()
+        blocks = scatter_blocks(p.pattern, local) * (rows[:, None] * self._columns()[None, :])[None]
         return SparseOperator(blocks, p.pattern)

@@ -182,7 +182,7 @@ class Stepper(eqx.Module):
             x, U, result, stats = self._linear(data, guess)
             multipliers = history.multipliers[0]
         predicted = jnp.tensordot(w.predictor, history.x, axes=1)
-        order = jnp.maximum(jnp.sum(w.derivative != 0) - 1, 1)
+        order = jnp.sum(jnp.where(w.derivative != 0, 1.0, 0.0)) - 1.0
         extent = jnp.max(jnp.ptp(history.x[0], axis=0))
         error = jnp.max(jnp.linalg.norm(_safe(x - predicted), axis=1)) / ((order + 1) * extent)
         error = jnp.where(jnp.all(jnp.isfinite(x)), error, jnp.inf)

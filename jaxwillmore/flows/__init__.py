@@ -2,5 +2,7 @@
 
 from ._base import AbstractFlow as AbstractFlow
 from ._loaded import Loaded as Loaded
+from ._mean_curvature import MeanCurvatureFlow as MeanCurvatureFlow
+from ._surface_diffusion import SurfaceDiffusion as SurfaceDiffusion
 from ._tangential import MinimalDeformation as MinimalDeformation
 from ._willmore import WillmoreFlow as WillmoreFlow

@@ -30,12 +30,13 @@ class Loaded(AbstractFlow):
     **Arguments:**
 
     - `flow`: the flow of the local energy.
-    - `energy`: a global energy (`SurfaceTension`, `OsmoticPressure`, ...), a sum of such, or `None`.
+    - `energy`: a global energy (`SurfaceTension`, `OsmoticPressure`, ...), a sum of them, or
+      `None`.
     - `fixed_area`: the area, or a function of time; `None` leaves it free.
     - `fixed_volume`: the enclosed volume, or a function of time; `None` leaves it free.
 
-    **Raises:** `ValueError` for an energy that is not global, a prescribed area or volume that is not positive, or a pair that no
-    surface has (reduced volume above 1).
+    **Raises:** `ValueError` for an energy that is not global, for a prescribed area or volume that
+    is not positive, or for a pair that no surface has (reduced volume above 1).
     """
 
     flow: AbstractFlow

@@ -18,7 +18,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
-from ..energies import CanhamHelfrich
+from ..energies import CanhamHelfrich, finite, non_negative, positive
 from ..fem import Jet, Layout, Point, inner, trace
 from ..surface import (
     nodal_weingarten_squared,
@@ -104,9 +104,12 @@ class WillmoreFlow(AbstractFlow):
     - `bending_modulus`: $b_b$, energy; $\tfrac12\int H^2$ is $b_b = 1/2$. From the physicists'
       $\kappa$: $b_b = \kappa/2$.
     - `spontaneous_curvature`: $H_0$, 1/length, for the sum of the principal curvatures.
-    - `consistency`: $c$; 0 switches the consistency terms off (growth $+8$ is $c > 2$ at best).
+    - `consistency`: $c$; 0 switches the consistency terms off, and below about 4 they are too weak.
     - `forcing`: a function `(t, x) -> scalar` of time and one point: a normal velocity $f$ added to
       the law (manufactured solutions, external fields). It is evaluated at the extrapolated nodes.
+
+    **Raises:** `ValueError` for a modulus that is not positive, a negative `consistency`, or a
+    parameter that is not one finite number.
 
     ??? cite "Reference"
         Kovács, Li, Lubich (2021), *Numer. Math.* 149, 595–643, equations (10a)–(10e).
@@ -126,9 +129,9 @@ class WillmoreFlow(AbstractFlow):
     def __init__(
         self, bending_modulus=0.5, spontaneous_curvature=0.0, consistency=6.0, forcing=None
     ):
-        self.bending_modulus = jnp.asarray(bending_modulus, float)
-        self.spontaneous_curvature = jnp.asarray(spontaneous_curvature, float)
-        self.consistency = jnp.asarray(consistency, float)
+        self.bending_modulus = positive("bending_modulus", bending_modulus)
+        self.spontaneous_curvature = finite("spontaneous_curvature", spontaneous_curvature)
+        self.consistency = non_negative("consistency", consistency)
         self.forcing = forcing
 
     def force(self, hat) -> Float[Array, ""]:

@@ -30,6 +30,9 @@ class _State(eqx.Module):
     size: Float[Array, ""]
     contraction: Float[Array, ""]
     damping: Float[Array, ""]
+    # Whether the last correction had a new Jacobian, and whether the last two had.
+    new: Bool[Array, ""]
+    both_new: Bool[Array, ""]
     result: optx.RESULTS
     step: Int[Array, ""]
     jacobians: Int[Array, ""]
@@ -89,6 +92,8 @@ class SparseNewton(optx.AbstractRootFinder):
             size=inf,
             contraction=inf,
             damping=jnp.asarray(1.0),
+            new=jnp.asarray(False),
+            both_new=jnp.asarray(False),
             result=optx.RESULTS.successful,
             step=zero,
             jacobians=zero,
@@ -120,9 +125,11 @@ class SparseNewton(optx.AbstractRootFinder):
                 size=size,
                 contraction=contraction,
                 damping=damping,
+                new=state.renew,
+                both_new=state.renew & state.new,
                 result=optx.RESULTS.promote(solution.result),
                 step=state.step + 1,
-                jacobians=state.jacobians + state.renew,
+                jacobians=state.jacobians + jnp.asarray(state.renew, int),
                 iterations=state.iterations + jnp.asarray(solution.stats["iterations"], int),
             ),
             aux,
@@ -166,7 +173,9 @@ class SparseNewton(optx.AbstractRootFinder):
             converged = converged & (jnp.max(jnp.abs(tail)) <= EXACT)
         converged = (converged & (state.damping == 1.0)) | self.linear
         started = state.step > 0
-        diverged = started & (theta > 2.0) & jnp.isfinite(theta) & (state.size > self.atol)
+        # A correction with an old Jacobian may be far too small: what follows it then grows.
+        growing = (theta > 2.0) & jnp.isfinite(theta) & state.both_new
+        diverged = started & growing & (state.size > self.atol)
         finite = jnp.isfinite(state.size) & jnp.all(jnp.isfinite(state.f))
         result = optx.RESULTS.where(
             diverged & ~converged, optx.RESULTS.nonlinear_divergence, optx.RESULTS.successful

@@ -30,7 +30,7 @@ def _split(graph: sp.csr_matrix) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         rest = np.setdiff1d(np.arange(n), order)
         return order, rest, np.empty(0, np.int64)
     # A second sweep from the farthest node finds a nearly longest path through the part.
-    order, level = _levels(graph, order[-1])
+    order, level = _levels(graph, int(order[-1]))
     counts = np.bincount(level)
     below = np.cumsum(counts) - counts
     # The smallest layer among those that leave at least a third on either side.

@@ -1,0 +1,64 @@
+"""Willmore and Canham–Helfrich flows of closed surfaces: evolving surface finite elements in JAX.
+
+Importing the package switches JAX to 64-bit floats: fourth-order flows need them. Subpackages are
+imported when they are first used.
+
+```python
+import jaxwillmore as jw
+
+mesh, x = jw.mesh.red_cell(level=1, degree=2)
+solution = jw.evolve.evolve(jw.flows.WillmoreFlow(), mesh, x, t1=5.0)
+```
+"""
+
+import importlib
+from typing import TYPE_CHECKING
+
+import jax as _jax
+
+from ._version import __version__ as __version__
+
+if TYPE_CHECKING:
+    from . import (
+        cases as cases,
+        energies as energies,
+        evolve as evolve,
+        fem as fem,
+        flows as flows,
+        io as io,
+        linalg as linalg,
+        mesh as mesh,
+        plot as plot,
+        reference as reference,
+        shapes as shapes,
+        surface as surface,
+        verify as verify,
+    )
+
+_jax.config.update("jax_enable_x64", True)
+
+_SUBPACKAGES = (
+    "cases",
+    "energies",
+    "evolve",
+    "fem",
+    "flows",
+    "io",
+    "linalg",
+    "mesh",
+    "plot",
+    "reference",
+    "shapes",
+    "surface",
+    "verify",
+)
+
+
+def __getattr__(name: str):
+    if name in _SUBPACKAGES:
+        return importlib.import_module(f".{name}", __name__)
+    raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+
+
+def __dir__() -> list[str]:
+    return sorted([*globals(), *_SUBPACKAGES])

@@ -1,0 +1,8 @@
+"""`python -m jaxwillmore` is the command `jaxwillmore`."""
+
+import sys
+
+from .cli import main
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,18 @@
+"""Cases: a TOML file, or the same in Python, that decides a whole run."""
+
+from ._case import Case as Case
+from ._error import CaseError as CaseError
+from ._examples import (
+    example_names as example_names,
+    example_path as example_path,
+    is_example as is_example,
+)
+from ._load import load_case as load_case
+from ._run import CaseRun as CaseRun, run_case as run_case
+from ._sections import (
+    EnergyCase as EnergyCase,
+    FlowCase as FlowCase,
+    OutputCase as OutputCase,
+    SurfaceCase as SurfaceCase,
+    TimeCase as TimeCase,
+)

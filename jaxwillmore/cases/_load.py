@@ -1,0 +1,128 @@
+"""From a case file to a `Case`."""
+
+import dataclasses
+import os
+import pathlib
+import tomllib
+from collections.abc import Mapping
+from typing import Any
+
+from ._case import SECTIONS, Case
+from ._error import CaseError, shown, suggestion
+from ._examples import example_path, is_example
+from ._sections import SurfaceCase, key_names, unknown_key
+
+_MAX_BYTES = 2**20
+
+
+def load_case(source: str | os.PathLike[str] | Mapping[str, Any]) -> Case:
+    """Read and check a case.
+
+    **Arguments:**
+
+    - `source`: the path of a TOML file; `example:NAME` for one that comes with the package; TOML
+      text (anything with a line break in it); or the tables themselves. Where the surface is a
+      mesh file, its path is relative to the folder of the case file.
+
+    **Raises:** `CaseError` naming file, section, key, the value got and what is allowed.
+
+    ```python
+    case = load_case("[surface]\\nshape = 'torus'\\n[time]\\nt1 = 1.0")
+    ```
+    """
+    if isinstance(source, Mapping):
+        return _case(source, pathlib.Path())
+    source = os.fspath(source)
+    is_text = "\n" in source
+    path = example_path(source) if is_example(source) else pathlib.Path("" if is_text else source)
+    try:
+        return _case(_parsed(source if is_text else _content(path)), path.parent)
+    except CaseError as error:
+        raise error.in_file("case text" if is_text else str(path)) from None
+
+
+def _content(path: pathlib.Path) -> str:
+    try:
+        with open(path, "rb") as file:
+            data = file.read(_MAX_BYTES + 1)
+        if len(data) > _MAX_BYTES:
+            raise CaseError(f"is larger than {_MAX_BYTES} bytes; this is not a case file.")
+        return data.decode("utf-8-sig")
+    except UnicodeDecodeError as error:
+        raise CaseError(f"is not a text file in UTF-8 (byte {error.start}).") from None
+    except OSError as error:
+        raise CaseError(f"cannot be read: {error.strerror or error}.") from None
+    except ValueError as error:  # a NUL in the name of the file
+        if isinstance(error, CaseError):
+            raise
+        raise CaseError(f"cannot be read: {error}.") from None
+
+
+def _parsed(content: str) -> dict[str, Any]:
+    try:
+        # TOML allows CRLF; the parser wants it normalised, as reading in text mode does.
+        return tomllib.loads(content.replace("\r\n", "\n"))
+    except (tomllib.TOMLDecodeError, RecursionError) as error:
+        raise CaseError(f"is not valid TOML: {error}.") from None
+
+
+def _case(tables: Mapping[str, Any], folder: pathlib.Path) -> Case:
+    for name, table in tables.items():
+        if name not in SECTIONS:
+            raise _unknown_section(name, table)
+        if not isinstance(table, Mapping):
+            problem = f"must be a table: a line [{name}] with its keys below; got {shown(table)}."
+            raise CaseError(problem, section=name, got=table)
+    for name in ("surface", "time"):
+        if name not in tables:
+            raise CaseError(f"the section [{name}] is missing.", section=name)
+    sections: dict[str, Any] = {
+        name: _section(name, table, folder) for name, table in tables.items()
+    }
+    return Case(**sections)
+
+
+def _section(name: str, table: Mapping[str, Any], folder: pathlib.Path):
+    kind = SECTIONS[name]
+    if kind is SurfaceCase:
+        return _surface(dict(table), folder)
+    known = key_names(kind)
+    for key in table:
+        if key not in known:
+            raise _misplaced(name, key) or unknown_key(name, key, known)
+    for field in dataclasses.fields(kind):
+        if field.default is dataclasses.MISSING and field.name not in table:
+            allowed = field.metadata["rule"].allowed
+            problem = f"is missing; it must be {allowed}."
+            raise CaseError(problem, section=name, key=field.name, allowed=allowed)
+    return kind(**table)
+
+
+def _surface(table: dict[str, Any], folder: pathlib.Path) -> SurfaceCase:
+    own = key_names(SurfaceCase)
+    parameters = {key: value for key, value in table.items() if key not in own}
+    for key in parameters:
+        if misplaced := _misplaced("surface", key):
+            raise misplaced
+    given = {key: value for key, value in table.items() if key in own}
+    file = given.get("file")
+    if isinstance(file, str) and file and not is_example(file):
+        given["file"] = os.path.abspath(folder / file)
+    return SurfaceCase(**given, parameters=parameters)
+
+
+def _misplaced(section: str, key: str) -> CaseError | None:
+    """The error for a key that belongs elsewhere, if it does."""
+    for name, kind in SECTIONS.items():
+        if name != section and key in key_names(kind):
+            problem = f"unknown key; `{key}` belongs to [{name}]."
+            return CaseError(problem, section=section, key=key)
+    return None
+
+
+def _unknown_section(name: str, table: object) -> CaseError:
+    if not isinstance(table, Mapping) and (home := _misplaced("", name)):
+        return CaseError(f"the key `{name}` stands before any section; {home.problem[13:]}")
+    hint = suggestion(name, SECTIONS)
+    problem = f"unknown section.{hint} Known sections: {', '.join(SECTIONS)}."
+    return CaseError(problem, section=name, allowed=", ".join(SECTIONS))

@@ -1,0 +1,238 @@
+"""The sections of a case as frozen dataclasses: every key with its default, range and meaning.
+
+`no_type_check` keeps checkers of annotations away at run time: the rules below convert and check
+every value, and their messages are the ones a user should see.
+"""
+
+import dataclasses
+import math
+import typing
+from collections.abc import Mapping
+from typing import Any, ClassVar
+
+from ..shapes import SHAPES, shape_parameters
+from ._error import CaseError, shown, suggestion
+from ._rules import (
+    Rule,
+    apply,
+    choice,
+    flag,
+    integer,
+    number,
+    numbers_like,
+    optional,
+    refused,
+    text,
+)
+
+_MAX_FRAMES = 100_000
+
+
+def _key(rule: Rule, default: Any = dataclasses.MISSING) -> Any:
+    if default is dataclasses.MISSING:
+        return dataclasses.field(metadata={"rule": rule})
+    return dataclasses.field(default=default, metadata={"rule": rule})
+
+
+def _check_keys(section) -> None:
+    """Put every key into its final type, or raise `CaseError`."""
+    for field in _fields(section):
+        value = apply(
+            field.metadata["rule"], section.name, field.name, getattr(section, field.name)
+        )
+        object.__setattr__(section, field.name, value)
+
+
+def key_names(kind) -> list[str]:
+    """The keys of a section; for the surface, those that every shape has."""
+    return [field.name for field in _fields(kind)]
+
+
+def _fields(section) -> list[dataclasses.Field]:
+    return [field for field in dataclasses.fields(section) if "rule" in field.metadata]
+
+
+def entries(section) -> list[tuple[str, object, str]]:
+    """Keys, values and meanings of a section, in the order in which a case file has them."""
+    rules = {field.name: field.metadata["rule"] for field in _fields(section)}
+    return [(key, getattr(section, key), rule.meaning) for key, rule in rules.items()]
+
+
+@typing.no_type_check
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class SurfaceCase:
+    """Where the surface comes from: the name of a generator in `shape`, or a mesh in `file`.
+
+    `parameters` are the keyword arguments of the generator; in a case file they stand in
+    `[surface]` like all other keys. Left out, `level` is 2 for a shape and 0 for a file.
+    """
+
+    name: ClassVar[str] = "surface"
+
+    shape: str | None = _key(optional(text("generator; `jaxwillmore shapes` lists them")), None)
+    file: str | None = _key(optional(text("mesh: .ply .off .obj .stl .npz")), None)
+    level: int | None = _key(optional(integer("uniform refinements", 0, 7)), None)
+    degree: int = _key(integer("polynomial degree of the triangles", 1, 4), 2)
+    merge_tolerance: float | None = _key(
+        optional(number("file only: vertices closer than this are one", at_least=0.0)), None
+    )
+    fix_orientation: bool = _key(flag("file only: turn triangles so that normals point out"), False)
+    parameters: Mapping[str, Any] = dataclasses.field(default_factory=dict)
+
+    def __post_init__(self):
+        _check_keys(self)
+        if (self.shape is None) == (self.file is None):
+            both = "both are given" if self.shape is not None else "neither is given"
+            raise CaseError(f"needs either `shape` or `file`; {both}.", section=self.name)
+        if self.level is None:
+            object.__setattr__(self, "level", 2 if self.file is None else 0)
+        given = dict(self.parameters)
+        if self.shape is None:
+            if given:
+                raise unknown_key(self.name, next(iter(given)), key_names(self))
+        else:
+            given = self._shape_parameters(self.shape, given)
+        object.__setattr__(self, "parameters", given)
+
+    def _shape_parameters(self, shape: str, given: dict[str, Any]) -> dict[str, Any]:
+        if shape not in SHAPES:
+            known = ", ".join(SHAPES)
+            hint = suggestion(shape, SHAPES)
+            problem = f"no shape is called {shown(shape)}.{hint} Known shapes: {known}."
+            raise CaseError(problem, section=self.name, key="shape", got=shape, allowed=known)
+        for key in ("merge_tolerance", "fix_orientation"):
+            if getattr(self, key) not in (None, False):
+                problem = "is for meshes from a file; leave it out together with `shape`."
+                raise CaseError(problem, section=self.name, key=key, got=getattr(self, key))
+        defaults = shape_parameters(shape)
+        for key in given:
+            if key not in defaults:
+                raise unknown_key(self.name, key, [*key_names(self), *defaults])
+        complete = {**defaults, **given}
+        return {
+            key: apply(_parameter_rule(defaults[key]), self.name, key, value)
+            for key, value in complete.items()
+        }
+
+    def entries(self) -> list[tuple[str, object, str]]:
+        """What a case file says in `[surface]`; keys for files only are left out with a shape."""
+        skip = set() if self.shape is None else {"merge_tolerance", "fix_orientation"}
+        own = [entry for entry in entries(self) if entry[0] not in skip]
+        meanings = {} if self.shape is None else SHAPES[self.shape].parameters
+        return own + [(key, value, meanings[key].meaning) for key, value in self.parameters.items()]
+
+
+@typing.no_type_check
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class EnergyCase:
+    """The energy ∫ b (H − H₀)² with H = κ₁ + κ₂."""
+
+    name: ClassVar[str] = "energy"
+
+    bending_modulus: float = _key(
+        number("b in the energy ∫ b (H − H0)²; ½∫H² is 0.5", above=0.0), 0.5
+    )
+    spontaneous_curvature: float = _key(number("H0, for the sum of the two curvatures"), 0.0)
+
+    def __post_init__(self):
+        _check_keys(self)
+
+
+@typing.no_type_check
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class FlowCase:
+    """The flow and how it is advanced in time."""
+
+    name: ClassVar[str] = "flow"
+
+    kind: str = _key(
+        choice("Willmore, or Canham–Helfrich where H0 is not 0", "willmore"), "willmore"
+    )
+    scheme: str = _key(
+        choice("Newton in every step, or one linear solve", "implicit", "linearly-implicit"),
+        "implicit",
+    )
+    bdf_order: int = _key(integer("order in time; 5 is fragile", 1, 5), 2)
+    consistency: float = _key(
+        number("c of the consistency terms c·|A|⁴; 4 to 8 holds, 0 switches off", at_least=0.0), 6.0
+    )
+
+    def __post_init__(self):
+        _check_keys(self)
+
+
+@typing.no_type_check
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class TimeCase:
+    """From when to when, and how carefully. The unit of time is length⁴ / energy.
+
+    Left out, `dt0` is 1e-5 of R⁴ / (2 b) with the area 4πR². The velocity scale of
+    `stop_when_stationary` is 2 b / R³.
+    """
+
+    name: ClassVar[str] = "time"
+
+    t0: float = _key(number("start"), 0.0)
+    t1: float = _key(number("end"))
+    dt0: float | None = _key(
+        optional(number("first step; left out, it follows from the size", above=0.0)), None
+    )
+    rtol: float = _key(
+        number("error per step relative to the extent; it decides the steps", above=0.0, below=1.0),
+        1e-3,
+    )
+    stop_when_stationary: float = _key(
+        number("stop below this part of the velocity scale; 0: never", at_least=0.0), 1e-6
+    )
+    max_steps: int = _key(integer("stop after as many steps", 1), 10_000)
+
+    def __post_init__(self):
+        _check_keys(self)
+        if not self.t1 > self.t0:
+            allowed = f"a finite number > t0 = {self.t0:g}"
+            raise refused(self.name, "t1", self.t1, allowed)
+        if self.dt0 is not None and not self.dt0 <= self.t1 - self.t0:
+            allowed = f"a finite number > 0 and <= t1 - t0 = {self.t1 - self.t0:g}"
+            raise refused(self.name, "dt0", self.dt0, allowed)
+
+
+@typing.no_type_check
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class OutputCase:
+    """What a run leaves besides its history, final state and summary."""
+
+    name: ClassVar[str] = "output"
+
+    every: float | None = _key(optional(number("time between frames", above=0.0)), None)
+    frames: bool = _key(flag("write frames/*.vtu and run.pvd for ParaView"), True)
+    picture: bool = _key(flag("draw final.png and history.png"), True)
+
+    def __post_init__(self):
+        _check_keys(self)
+
+    def within(self, time: TimeCase) -> "OutputCase":
+        """The same with `every` checked against the time interval, or chosen: a fiftieth of it."""
+        interval = time.t1 - time.t0
+        if self.every is None:
+            return dataclasses.replace(self, every=interval / 50)
+        if not interval / _MAX_FRAMES <= self.every <= interval:
+            allowed = f"a finite number from {interval / _MAX_FRAMES:g} to t1 - t0 = {interval:g}"
+            raise refused(self.name, "every", self.every, allowed)
+        return self
+
+
+def unknown_key(section: str, key: str, known: list[str]) -> CaseError:
+    """The error for a key that the section does not have."""
+    problem = f"unknown key.{suggestion(key, known)} Known keys: {', '.join(known)}."
+    return CaseError(problem, section=section, key=key, allowed=", ".join(known))
+
+
+def _parameter_rule(default: object) -> Rule:
+    """What a parameter of a shape may hold, by what its default holds."""
+    if isinstance(default, tuple):
+        return numbers_like(default)
+    if default is None:
+        return optional(integer("", 3))
+    if isinstance(default, int):
+        return integer("", 1)
+    return number("", at_least=-math.inf)

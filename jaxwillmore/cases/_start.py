@@ -1,0 +1,73 @@
+"""The surface a case starts from."""
+
+from typing import NamedTuple
+
+from jaxtyping import Array
+
+from .._types import Nodes
+from ..io import read_surface
+from ..mesh import SurfaceMesh, quality, raise_degree, refine
+from ..shapes import make_shape
+from ._case import Case
+from ._error import CaseError
+from ._examples import example_path, is_example
+from ._sections import SurfaceCase
+
+
+class Start(NamedTuple):
+    """A surface, and the fields on it for which a formula is known."""
+
+    mesh: SurfaceMesh
+    x: Nodes
+    initial: dict[str, Array]
+
+
+def starting_surface(case: Case) -> Start:
+    """Make or read the surface of a case.
+
+    **Raises:** `CaseError` for parameters that give no surface, and for a spontaneous curvature
+    that the mesh cannot resolve; what `jaxwillmore.io.read_surface` raises for a mesh file.
+    """
+    start = _from_shape(case.surface) if case.surface.file is None else _from_file(case.surface)
+    _check_resolution(case, start)
+    return start
+
+
+def _from_shape(surface: SurfaceCase) -> Start:
+    assert surface.shape is not None and surface.level is not None
+    try:
+        mesh, x, exact = make_shape(
+            surface.shape, level=surface.level, degree=surface.degree, **surface.parameters
+        )
+    except ValueError as error:
+        raise CaseError(str(error), section="surface") from error
+    return Start(mesh, x, {"H": exact.mean_curvature(x), "nu": exact.normal(x)})
+
+
+def _from_file(surface: SurfaceCase) -> Start:
+    assert surface.file is not None and surface.level is not None
+    source = example_path(surface.file) if is_example(surface.file) else surface.file
+    options = {
+        "merge_tolerance": surface.merge_tolerance,
+        "fix_orientation": surface.fix_orientation,
+    }
+    mesh, x = read_surface(source, **options)
+    if mesh.degree > surface.degree:
+        mesh, x = read_surface(source, degree=surface.degree, **options)
+    for _ in range(surface.level):
+        mesh, x = refine(mesh, x)
+    return Start(*raise_degree(mesh, x, surface.degree), {})
+
+
+def _check_resolution(case: Case, start: Start) -> None:
+    """Radii of curvature below the distance of nodes are not resolved by any mesh."""
+    H0 = case.energy.spontaneous_curvature
+    spacing = quality(start.mesh, start.x).h_max / start.mesh.degree
+    if abs(H0) * spacing > 1:
+        allowed = f"between -{1 / spacing:.4g} and {1 / spacing:.4g}"
+        problem = (
+            f"must be {allowed} on this mesh, whose nodes are {spacing:.3g} apart; got {H0}. "
+            "Raise `level` or `degree`."
+        )
+        key = "spontaneous_curvature"
+        raise CaseError(problem, section="energy", key=key, got=H0, allowed=allowed)

@@ -1,0 +1,184 @@
+"""The command `jaxwillmore`: parse, call, print; no mathematics."""
+
+import argparse
+import io
+import math
+import os
+import sys
+import time
+import warnings
+from collections.abc import Callable, Sequence
+from typing import Any
+
+from ._version import __version__
+
+OK, FAILED, BAD_INPUT, INTERRUPTED = 0, 1, 2, 130
+
+_EPILOG = (
+    "Exit status: 0 success; 1 the run failed, or the mesh is not sound; 2 the case, a file name "
+    "or the command line is wrong; 130 interrupted."
+)
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Run the command line `argv` (default: that of the process) and return the exit status."""
+    for stream in (sys.stdout, sys.stderr):
+        if isinstance(stream, io.TextIOWrapper):
+            stream.reconfigure(errors="replace")  # a terminal without ρ must not end a run
+    args = _parser().parse_args(argv)
+    with warnings.catch_warnings():
+        warnings.simplefilter("default", UserWarning)
+        warnings.showwarning = _show_warning
+        try:
+            status = args.command(args)
+            sys.stdout.flush()
+            return status
+        except KeyboardInterrupt:
+            return _complain("interrupted", INTERRUPTED)
+        except BrokenPipeError:
+            # The reader of our output is gone; keep the interpreter from flushing into the pipe.
+            os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+            return FAILED
+
+
+def _parser() -> argparse.ArgumentParser:
+    parser = argparse.ArgumentParser(
+        prog="jaxwillmore",
+        description="Willmore and Canham-Helfrich flows of closed surfaces.",
+        epilog=_EPILOG,
+    )
+    parser.add_argument("--version", action="version", version=f"jaxwillmore {__version__}")
+    commands = parser.add_subparsers(required=True, metavar="COMMAND")
+
+    run = commands.add_parser("run", help="run a case file", epilog=_EPILOG)
+    run.add_argument(
+        "case", metavar="CASE.toml", help="a case file, or example:NAME for one of the examples"
+    )
+    run.add_argument("--out", required=True, metavar="DIR", help="folder for everything it leaves")
+    run.add_argument(
+        "--replace", action="store_true", help="replace the files of an earlier run in DIR"
+    )
+    run.add_argument("--quiet", action="store_true", help="print nothing but errors")
+    run.set_defaults(command=_run)
+
+    check = commands.add_parser("check", help="say what is wrong with a mesh", epilog=_EPILOG)
+    check.add_argument("mesh", metavar="MESH", help="a file .ply .off .obj .stl .npz")
+    check.set_defaults(command=_check)
+
+    shapes = commands.add_parser("shapes", help="list shapes and their parameters")
+    shapes.set_defaults(command=_shapes)
+    return parser
+
+
+def _run(args: argparse.Namespace) -> int:
+    from .cases import CaseError, load_case, run_case
+    from .io import RunFolderError
+    from .mesh import SurfaceError
+
+    progress = None if args.quiet else _progress_line(sys.stdout)
+    try:
+        case = load_case(args.case)
+        existing = "replace" if args.replace else "refuse"
+        run = run_case(case, args.out, existing=existing, progress=progress)
+    except RunFolderError as error:
+        hint = " On the command line: --replace." if "earlier run" in str(error) else ""
+        return _complain(f"{error}{hint}", BAD_INPUT)
+    except (CaseError, FileNotFoundError, IsADirectoryError) as error:
+        return _complain(error, BAD_INPUT)
+    except (SurfaceError, OSError) as error:
+        return _complain(error, FAILED)
+    if progress is not None:
+        progress(None)
+        print(_closing(run.summary, run.folder))
+    status = run.summary["status"]
+    if status == "interrupted":
+        return _complain(run.summary["message"], INTERRUPTED)
+    return OK if run.succeeded else _complain(run.summary["message"], FAILED)
+
+
+def _check(args: argparse.Namespace) -> int:
+    from .cases import CaseError, example_path, is_example
+    from .io import read_surface
+    from .mesh import SurfaceError, check_mesh
+
+    try:
+        path = example_path(args.mesh) if is_example(args.mesh) else args.mesh
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")  # what they would say stands in the report
+            mesh, x = read_surface(path)
+    except SurfaceError as error:
+        print(error)
+        return FAILED
+    except (CaseError, OSError) as error:
+        return _complain(error, BAD_INPUT)
+    print(f"{path}: degree {mesh.degree}, {mesh.n_nodes} nodes, genus {mesh.genus}")
+    print(check_mesh(mesh, x))
+    return OK
+
+
+def _shapes(args: argparse.Namespace) -> int:
+    from .shapes import SHAPES
+
+    for name, spec in SHAPES.items():
+        print(f"{name}: {spec.meaning}; half of the integral of H^2 is {spec.willmore:.10g}")
+        for key, parameter in spec.parameters.items():
+            print(f"    {key + ' = ' + _plain(parameter.default):<32} {parameter.meaning}")
+    print("All shapes also take level (default 2) and degree (1 to 4, default 2).")
+    return OK
+
+
+def _plain(value: object) -> str:
+    if value is None:
+        return "automatic"
+    return str(list(value)) if isinstance(value, tuple) else str(value)
+
+
+def _progress_line(stream) -> Callable[[dict[str, Any] | None], None]:
+    """One line that is rewritten on a terminal, else a plain line every few seconds.
+
+    Call it with the record of every step, and with None at the end.
+    """
+    on_terminal = stream.isatty()
+    shown_at = -math.inf
+    width = 0
+
+    def show(line: str) -> None:
+        nonlocal width
+        print(("\r" + line.ljust(width)) if on_terminal else line, end="", file=stream)
+        print(end="" if on_terminal else "\n", file=stream, flush=True)
+        width = len(line)
+
+    def progress(record: dict[str, Any] | None) -> None:
+        nonlocal shown_at
+        now = time.monotonic()
+        if record is None:
+            print(end="\n" if on_terminal else "", file=stream, flush=True)
+        elif now - shown_at >= (0.1 if on_terminal else 5.0):
+            shown_at = now
+            show(
+                f"step {record['step']:5d}  t {record['t']:.4g}  dt {record['dt']:.2e}  "
+                f"energy {record['energy']:.6g}  area {record['area']:.5g}  "
+                f"angle >= {record['min_angle']:.1f}  rejected {record['rejected_steps']}"
+            )
+
+    show("preparing the first step (it compiles, which takes a while) ...")
+    return progress
+
+
+def _closing(summary: dict[str, Any], folder: object) -> str:
+    return (
+        f"{summary['status']} at t = {summary['t']:.6g} after {summary['steps']} steps "
+        f"({summary['rejected_steps']} rejected, {summary['wall_seconds']:.1f} s)\n"
+        f"half of the integral of H^2: {summary['willmore']:.8g}, area {summary['area']:.6g}, "
+        f"volume {summary['volume']:.6g}, reduced volume {summary['reduced_volume']:.6f}\n"
+        f"written to {folder}"
+    )
+
+
+def _complain(problem: object, status: int) -> int:
+    print(f"jaxwillmore: {problem}", file=sys.stderr)
+    return status
+
+
+def _show_warning(message, category, filename, lineno, file=None, line=None) -> None:
+    print(f"jaxwillmore: warning: {message}", file=sys.stderr)

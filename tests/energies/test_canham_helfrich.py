@@ -1,0 +1,90 @@
+"""Canham–Helfrich energy: closed form on spheres and tori, scaling, derivatives, bad parameters."""
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import jax.random as jr
+import numpy as np
+import pytest
+
+from jaxwillmore.energies import CanhamHelfrich, Willmore
+from jaxwillmore.mesh import icosphere, torus
+
+from ..helpers import observed_order, taylor_remainders
+
+
+@eqx.filter_jit
+def value(energy, mesh, x):
+    return energy(mesh, x)
+
+
+@pytest.mark.parametrize("R, H0", [(1.0, 0.0), (1.0, 0.7), (2.5, -0.4), (2.0, 1.0)])
+def test_spheres_have_a_closed_form(R, H0):
+    """b_b (2/R − H₀)² 4πR² + 4π b_k, up to 1.7e-4 of the term b_b ∫H² = 16π b_b at this level."""
+    mesh, x = icosphere(2, 2, R)
+    found = value(CanhamHelfrich(0.8, 0.3, H0), mesh, x)
+    expected = 0.8 * (2 / R - H0) ** 2 * 4 * np.pi * R**2 + 0.3 * 4 * np.pi
+    np.testing.assert_allclose(found, expected, atol=3e-4 * 16 * np.pi * 0.8)
+
+
+def test_gauss_bonnet_on_a_torus():
+    """χ = 0: the Gaussian modulus does not enter."""
+    mesh, x = torus(1.0, 0.5, level=0, degree=2)
+    a, b = (value(CanhamHelfrich(0.5, k, 0.2), mesh, x) for k in (0.0, 100.0))
+    np.testing.assert_array_equal(a, b)
+
+
+def test_half_and_no_spontaneous_curvature_is_willmore():
+    mesh, x = icosphere(1, 2)
+    x = x * jnp.array([[1.0, 1.2, 1.5]])
+    expected = value(Willmore(), mesh, x)
+    np.testing.assert_allclose(value(CanhamHelfrich(), mesh, x), expected, rtol=1e-13)
+
+
+def test_scaling_of_every_parameter():
+    """E(b, H₀/λ) on λΓ equals E(b, H₀) on Γ; E is linear in b_b."""
+    mesh, x = icosphere(1, 2)
+    x = x * jnp.array([[1.0, 1.2, 1.5]])
+    here = value(CanhamHelfrich(0.5, 0.0, 0.9), mesh, x)
+    scaled = value(CanhamHelfrich(0.5, 0.0, 0.3), mesh, 3 * x)
+    np.testing.assert_allclose(scaled, here, rtol=1e-11)
+    twice = value(CanhamHelfrich(1.0, 0.0, 0.9), mesh, x)
+    np.testing.assert_allclose(twice, 2 * here, rtol=1e-14)
+
+
+def test_derivatives_by_parameters_and_nodes():
+    mesh, x = icosphere(1, 2)
+    x = x * jnp.array([[1.0, 1.2, 1.5]])
+
+    @jax.jit
+    def f(v):
+        parameters, nodes = v[:3], v[3:].reshape(x.shape)
+        return CanhamHelfrich(*parameters)(mesh, nodes)
+
+    v = jnp.concatenate([jnp.array([0.6, 0.2, 0.9]), x.reshape(-1)])
+    direction, steps = jr.normal(jr.key(0), v.shape), (1e-3, 5e-4, 2.5e-4)
+    order = observed_order(steps, taylor_remainders(f, v, direction, steps))
+    assert abs(order - 2.0) < 0.1, order
+    gradient = jax.grad(f)(v)
+    _, forward = jax.jvp(f, (v,), (direction,))
+    np.testing.assert_allclose(forward, jnp.vdot(gradient, direction), rtol=1e-10)
+    np.testing.assert_allclose(gradient[1], 4 * np.pi, rtol=1e-13)  # dE/db_k = 2πχ
+
+
+@pytest.mark.parametrize(
+    "arguments, name",
+    [
+        ({"bending_modulus": 0.0}, "bending_modulus"),
+        ({"bending_modulus": -1.0}, "bending_modulus"),
+        ({"bending_modulus": float("nan")}, "bending_modulus"),
+        ({"bending_modulus": "stiff"}, "bending_modulus"),
+        ({"bending_modulus": [0.5]}, "bending_modulus"),
+        ({"gaussian_modulus": np.ones(3)}, "gaussian_modulus"),
+        ({"gaussian_modulus": float("inf")}, "gaussian_modulus"),
+        ({"spontaneous_curvature": None}, "spontaneous_curvature"),
+        ({"spontaneous_curvature": 1j}, "spontaneous_curvature"),
+    ],
+)
+def test_bad_parameters_are_named(arguments, name):
+    with pytest.raises(ValueError, match=f"`{name}` must be"):
+        CanhamHelfrich(**arguments)

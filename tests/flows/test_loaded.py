@@ -1,0 +1,98 @@
+"""Forces of the whole surface: exact constraints, and spheres on their ordinary differential equation."""
+
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from scipy.integrate import solve_ivp
+
+import jaxwillmore as jw
+from jaxwillmore.energies import AreaPenalty, OsmoticPressure, Pressure, SurfaceTension
+from jaxwillmore.flows import Loaded, MinimalDeformation, WillmoreFlow
+
+FOUR_PI = 4 * np.pi
+
+
+@pytest.fixture(scope="module")
+def ellipsoid():
+    return jw.mesh.ellipsoid(semi_axes=(1.0, 1.0, 1.4), level=1, degree=2)
+
+
+def test_area_and_volume_are_held_to_rounding(ellipsoid):
+    mesh, x = ellipsoid
+    A0, V0 = jw.surface.area(mesh, x), jw.surface.volume(mesh, x)
+    flow = Loaded(WillmoreFlow(), fixed_area=A0, fixed_volume=V0)
+    run = jw.evolve.evolve(flow, mesh, x, t1=1.0, max_steps=4, throw=False)
+    assert len(run.records) == 4
+    for record in run.records:
+        np.testing.assert_allclose(record["area"], A0, rtol=1e-11)
+        np.testing.assert_allclose(record["volume"], V0, rtol=1e-11)
+    energies = [record["energy"] for record in run.records]
+    assert np.all(np.diff(energies) < 0), energies
+    assert float(jnp.max(jnp.abs(run.state.x - x))) > 1e-3  # it did move
+
+
+@pytest.mark.slow
+def test_prescribed_volume_follows_its_function_of_time(ellipsoid):
+    mesh, x = ellipsoid
+    V0 = jw.surface.volume(mesh, x)
+    flow = Loaded(WillmoreFlow(), fixed_volume=lambda t: V0 * (1.0 + t))
+    run = jw.evolve.evolve(flow, mesh, x, t1=0.05, dt0=1e-4, energy_tolerance=None)
+    for record in run.records:
+        np.testing.assert_allclose(record["volume"], V0 * (1.0 + record["t"]), rtol=1e-11)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    "energy, tension, pressure",
+    [
+        (SurfaceTension(0.3) + 2.0 * Pressure(0.4), lambda A, V: 0.3, lambda A, V: 0.8),
+        (
+            OsmoticPressure(5.0, 1.0, temperature=1.0, gas_constant=0.5),
+            lambda A, V: 0.0,
+            lambda A, V: 0.5 * (5.0 / V - 1.0),
+        ),
+        (AreaPenalty(0.7, 10.0), lambda A, V: 0.7 * (A - 10.0) / 10.0, lambda A, V: 0.0),
+    ],
+    ids=["tension and pressure", "osmotic", "area penalty"],
+)
+def test_sphere_follows_its_ordinary_differential_equation(energy, tension, pressure):
+    r"""$\dot R = b H_0 (2 - H_0 R)/R^2 - 2\sigma/R + P$ with $b = 2 b_b$."""
+    b, H0, t1 = 1.0, 0.5, 0.5
+
+    def rate(t, R):
+        A, V = FOUR_PI * R**2, FOUR_PI * R**3 / 3
+        return b * H0 * (2 - H0 * R) / R**2 - 2 * tension(A, V) / R + pressure(A, V)
+
+    exact = solve_ivp(rate, (0, t1), [1.0], rtol=1e-10, atol=1e-12).y[0, -1]
+    mesh, x = jw.mesh.icosphere(1, degree=2)
+    flow = Loaded(WillmoreFlow(b / 2, H0), energy)
+    run = jw.evolve.evolve(flow, mesh, x, t1=t1, rtol=2e-4)
+    R = np.sqrt(run.records[-1]["area"] / FOUR_PI)
+    assert abs(exact - 1) > 0.05
+    # Time stepping error; the mesh contributes 1e-4 on 162 nodes.
+    assert abs(R - exact) < 3e-3 * abs(exact - 1) + 5e-4, (R, exact)
+
+
+@pytest.mark.slow
+def test_tension_and_pressure_of_a_constrained_shape_satisfy_scale_invariance(ellipsoid):
+    r"""At an equilibrium with $H_0 = 0$: $2\sigma A = 3 P V_p$."""
+    mesh, x = ellipsoid
+    A0, V0 = jw.surface.area(mesh, x), jw.surface.volume(mesh, x)
+    flow = Loaded(MinimalDeformation(WillmoreFlow()), fixed_area=A0, fixed_volume=V0)
+    run = jw.evolve.evolve(flow, mesh, x, t1=20.0, stationary_tolerance=1e-5)
+    last = run.records[-1]
+    assert last["tension"] < 0 and last["pressure"] < 0
+    ratio = 2 * last["tension"] * A0 / (3 * last["pressure"] * V0)
+    np.testing.assert_allclose(ratio, 1.0, atol=5e-3)  # discretisation error on 162 nodes
+
+
+def test_targets_that_no_surface_has_are_refused():
+    with pytest.raises(ValueError, match="reduced volume would be 1.1"):
+        Loaded(WillmoreFlow(), fixed_area=FOUR_PI, fixed_volume=1.1 * FOUR_PI / 3)
+    with pytest.raises(ValueError, match="`fixed_area` must be positive; got -1"):
+        Loaded(WillmoreFlow(), fixed_area=-1.0)
+    with pytest.raises(ValueError, match="Willmore is local"):
+        Loaded(WillmoreFlow(), jw.energies.Willmore())
+    with pytest.raises(ValueError, match="scheme='implicit'"):
+        mesh, _ = jw.mesh.icosphere(0, degree=1)
+        jw.evolve.Stepper(Loaded(WillmoreFlow()), mesh, scheme="linearly-implicit")

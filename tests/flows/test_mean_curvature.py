@@ -1,0 +1,35 @@
+"""Mean curvature flow and its kin on spheres: exact radii."""
+
+import numpy as np
+import pytest
+
+import jaxwillmore as jw
+from jaxwillmore.flows import MeanCurvatureFlow
+
+
+def inverse(H):
+    return -1.0 / H
+
+
+@pytest.mark.parametrize(
+    "flow, t1, radius",
+    [
+        (MeanCurvatureFlow(), 0.1, np.sqrt(1 - 4 * 0.1)),  # R² = 1 - 4t
+        pytest.param(
+            MeanCurvatureFlow(inverse), 0.4, np.exp(0.4 / 2), marks=pytest.mark.slow
+        ),  # R' = R/2
+        pytest.param(
+            MeanCurvatureFlow(lambda H: H**2), 0.05, (1 - 12 * 0.05) ** (1 / 3),
+            marks=pytest.mark.slow,
+        ),  # R³ = 1 - 12t
+    ],
+    ids=["mean curvature", "inverse", "square"],
+)
+@pytest.mark.parametrize(
+    "scheme", ["implicit", pytest.param("linearly-implicit", marks=pytest.mark.slow)]
+)
+def test_spheres_keep_their_law(flow, t1, radius, scheme):
+    mesh, x = jw.mesh.icosphere(1, degree=2)
+    run = jw.evolve.evolve(flow, mesh, x, t1=t1, rtol=2e-4, scheme=scheme, energy_tolerance=None)
+    R = np.sqrt(run.records[-1]["area"] / (4 * np.pi))
+    assert abs(R - radius) < 4e-3 * abs(radius - 1) + 3e-4, (R, radius)

@@ -1,0 +1,63 @@
+"""The velocity of minimal deformation: same shape, better triangles."""
+
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+import jaxwillmore as jw
+from jaxwillmore.flows import MinimalDeformation, WillmoreFlow
+
+
+def edge_ratio(mesh, x):
+    return jw.mesh.quality(mesh, x).edge_ratio
+
+
+@pytest.fixture(scope="module")
+def one_step():
+    mesh, x = jw.mesh.ellipsoid(semi_axes=(1.0, 1.2, 1.5), level=1, degree=2)
+    times = jnp.array([0.0, 1e-3])
+    plain = jw.evolve.replay(WillmoreFlow(), mesh, x, times)
+    moved = jw.evolve.replay(MinimalDeformation(WillmoreFlow()), mesh, x, times)
+    return mesh, x, plain, moved
+
+
+def test_normal_component_is_that_of_the_flow(one_step):
+    r"""$(v\cdot\nu - V, \xi) = 0$ for all test functions."""
+    mesh, _, _, moved = one_step
+    v, nu, V = (moved.fields[name][-1] for name in ("v", "nu", "V"))
+    fields = {"v": v, "nu": nu, "V": V}
+
+    def density(_, f, phi, __):
+        return phi * (jnp.sum(f.v.value * f.nu.value) - f.V.value)
+
+    defect = jw.fem.load(mesh, moved.x[-1], density, fields)
+    assert float(jnp.max(jnp.abs(defect))) < 1e-8 * float(jnp.max(jnp.abs(V)))
+
+
+def test_velocity_deforms_less_than_the_normal_one(one_step):
+    mesh, _, plain, moved = one_step
+
+    def rate(run, v):
+        return jw.fem.integrate(mesh, run.x[-1], lambda _, f: jnp.sum(f.v.grad**2), {"v": v})
+
+    normal = plain.fields["V"][-1][:, None] * plain.fields["nu"][-1]
+    assert float(rate(moved, moved.fields["v"][-1])) < 0.9 * float(rate(plain, normal))
+
+
+def test_shape_of_one_step_is_that_of_the_plain_flow(one_step):
+    mesh, x, plain, moved = one_step
+    for measure in (jw.surface.area, jw.surface.volume, jw.energies.Willmore()):
+        start, a, b = (float(measure(mesh, y)) for y in (x, plain.x[-1], moved.x[-1]))
+        assert abs(a - b) < 0.02 * abs(a - start), (measure, start, a, b)
+
+
+@pytest.mark.slow
+def test_red_cell_ends_as_a_sphere_with_even_triangles():
+    mesh, x = jw.mesh.red_cell(level=1, degree=2)
+    run = jw.evolve.evolve(MinimalDeformation(WillmoreFlow()), mesh, x, t1=5.0)
+    last = run.records[-1]
+    assert abs(last["willmore"] / (8 * np.pi) - 1) < 1e-4
+    assert edge_ratio(mesh, run.state.x) < 1.4
+    assert run.stats["rejected_steps"] <= 3
+    settled = [r["area"] for r in run.records if r["t"] > 0.8]
+    assert np.ptp(settled) < 1e-3 * settled[-1]

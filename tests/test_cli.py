@@ -1,0 +1,259 @@
+"""The command line: what it prints, where, and its exit status."""
+
+import json
+import os
+import pathlib
+import signal
+import subprocess
+import sys
+
+import pytest
+
+from jaxwillmore._version import __version__
+from jaxwillmore.cases import example_names
+from jaxwillmore.cli import main
+from jaxwillmore.io import write_ply
+from jaxwillmore.mesh import icosphere
+from jaxwillmore.shapes import SHAPES
+
+ROOT = pathlib.Path(__file__).parents[1]
+CASE = """
+[surface]
+shape = "ellipsoid"
+semi_axes = [1.0, 1.0, 1.3]
+level = 1
+degree = 1
+[time]
+t1 = 0.01
+dt0 = 1e-3
+[output]
+every = 0.01
+picture = false
+"""
+
+
+@pytest.fixture
+def case(tmp_path):
+    """A case file that runs in seconds."""
+    path = tmp_path / "case.toml"
+    path.write_text(CASE, encoding="utf-8")
+    return str(path)
+
+
+def jaxwillmore(*arguments, **options):
+    """The command in a process of its own."""
+    command = [sys.executable, "-m", "jaxwillmore", *arguments]
+    return subprocess.run(command, cwd=ROOT, capture_output=True, text=True, **options)
+
+
+def assert_one_clear_line(error, *words):
+    """One line on stderr that starts with the name of the program and holds the words."""
+    assert error.startswith("jaxwillmore: ") and error.count("\n") == 1, error
+    assert "Traceback" not in error
+    for word in words:
+        assert word in error, error
+
+
+# 1. Without a run.
+
+
+def test_version_and_help_in_a_process_of_their_own():
+    version = jaxwillmore("--version")
+    assert (version.returncode, version.stdout) == (0, f"jaxwillmore {__version__}\n")
+    for arguments in (["--help"], ["run", "--help"], ["check", "--help"]):
+        answer = jaxwillmore(*arguments)
+        assert answer.returncode == 0 and "usage: jaxwillmore" in answer.stdout
+        assert answer.stderr == ""
+
+
+def test_help_names_every_command(capsys):
+    with pytest.raises(SystemExit) as caught:
+        main(["--help"])
+    assert caught.value.code == 0
+    text = capsys.readouterr().out
+    for word in ("run", "check", "shapes", "Exit status", "--version"):
+        assert word in text
+
+
+@pytest.mark.parametrize("arguments", [[], ["walk"], ["run"], ["run", "a.toml"], ["check"]])
+def test_a_wrong_command_line_ends_with_2(capsys, arguments):
+    with pytest.raises(SystemExit) as caught:
+        main(arguments)
+    assert caught.value.code == 2
+    assert "usage: jaxwillmore" in capsys.readouterr().err
+
+
+def test_shapes_lists_every_shape_with_its_parameters(capsys):
+    assert main(["shapes"]) == 0
+    text = capsys.readouterr().out
+    for name, spec in SHAPES.items():
+        assert f"{name}: " in text
+        for parameter in spec.parameters:
+            assert f"    {parameter} = " in text
+    assert "level" in text and "degree" in text
+
+
+# 2. Checking a mesh.
+
+
+def test_a_sound_mesh_is_reported_and_ends_with_0(tmp_path, capsys):
+    write_ply(tmp_path / "ball.ply", *icosphere(1, degree=1))
+    assert main(["check", str(tmp_path / "ball.ply")]) == 0
+    out, err = capsys.readouterr()
+    assert "No defects found" in out and "genus 0" in out and "chunkiness" in out
+    assert err == ""
+
+
+def test_the_example_mesh_is_sound(capsys):
+    assert main(["check", "example:red_blood_cell.npz"]) == 0
+    assert "2183 vertices" in capsys.readouterr().out
+
+
+def test_an_open_mesh_is_named_and_ends_with_1(tmp_path, capsys):
+    path = tmp_path / "open.off"
+    path.write_text("OFF\n4 3 0\n0 0 0\n1 0 0\n0 1 0\n0 0 1\n3 0 2 1\n3 0 1 3\n3 0 3 2\n")
+    assert main(["check", str(path)]) == 1
+    out, err = capsys.readouterr()
+    assert "open" in out and "open.off" in out and err == ""
+
+
+def test_a_file_that_is_no_mesh_ends_with_1(tmp_path, capsys):
+    (tmp_path / "noise.ply").write_bytes(bytes(range(256)))
+    assert main(["check", str(tmp_path / "noise.ply")]) == 1
+    assert "noise.ply" in capsys.readouterr().out
+
+
+@pytest.mark.parametrize("name", ["none.ply", "", "example:none.npz"])
+def test_a_mesh_that_is_not_there_ends_with_2(tmp_path, capsys, name):
+    path = name if name.startswith("example:") else str(tmp_path / name)
+    assert main(["check", path]) == 2
+    assert_one_clear_line(capsys.readouterr().err, name.removeprefix("example:"))
+
+
+# 3. Running a case.
+
+
+def test_a_run_prints_its_progress_and_its_end(case, tmp_path, capsys):
+    assert main(["run", case, "--out", str(tmp_path / "out")]) == 0
+    out, err = capsys.readouterr()
+    assert err == "" and "\r" not in out
+    lines = out.splitlines()
+    assert lines[0].startswith("preparing") and lines[1].startswith("step     1 ")
+    summary = json.loads((tmp_path / "out" / "summary.json").read_text(encoding="utf-8"))
+    assert f"reached_t1 at t = 0.01 after {summary['steps']} steps" in out
+    assert f"{summary['willmore']:.8g}" in out and str(tmp_path / "out") in lines[-1]
+
+
+def test_a_quiet_run_prints_nothing(case, tmp_path, capsys):
+    assert main(["run", case, "--out", str(tmp_path / "out"), "--quiet"]) == 0
+    assert capsys.readouterr() == ("", "")
+    assert (tmp_path / "out" / "summary.json").is_file()
+
+
+def test_an_earlier_run_is_replaced_only_on_request(case, tmp_path, capsys):
+    arguments = ["run", case, "--out", str(tmp_path / "out"), "--quiet"]
+    assert main(arguments) == 0
+    assert main(arguments) == 2
+    assert_one_clear_line(capsys.readouterr().err, "out", "earlier run", "--replace")
+    assert main([*arguments, "--replace"]) == 0
+
+
+def test_a_terminal_gets_one_line_that_is_rewritten(case, tmp_path):
+    pty = pytest.importorskip("pty")
+    ours, theirs = pty.openpty()
+    command = [sys.executable, "-m", "jaxwillmore", "run", case, "--out", str(tmp_path / "out")]
+    with subprocess.Popen(command, cwd=ROOT, stdout=theirs, stderr=theirs) as process:
+        os.close(theirs)
+        text = b""
+        while True:
+            try:
+                chunk = os.read(ours, 10_000)
+            except OSError:  # the other end is closed
+                chunk = b""
+            if not chunk:
+                break
+            text += chunk
+    os.close(ours)
+    assert process.returncode == 0, text
+    progress = text.decode().split("reached_t1")[0]
+    assert progress.count("\n") == 1 and progress.count("\rstep") >= 1
+
+
+def test_a_wrong_case_ends_with_2(case, tmp_path, capsys):
+    wrong = tmp_path / "wrong.toml"
+    for old, new, *words in [
+        ("t1 = 0.01", "t1 = nan", "[time] t1", "finite"),
+        ("t1 = 0.01", "", "[time] t1", "missing"),
+        ("every", "evry", "[output] evry", "`every`"),
+        ("1.3]", "-1.3]", "semi_axes", "positive"),
+        ("[time]", "[time", "TOML", "line"),
+    ]:
+        wrong.write_text(CASE.replace(old, new), encoding="utf-8")
+        assert main(["run", str(wrong), "--out", str(tmp_path / "out")]) == 2
+        assert_one_clear_line(capsys.readouterr().err, *words)
+    assert not (tmp_path / "out").exists()
+
+
+@pytest.mark.parametrize("name", ["none.toml", "example:none"])
+def test_a_case_that_is_not_there_ends_with_2(tmp_path, capsys, monkeypatch, name):
+    monkeypatch.chdir(tmp_path)
+    assert main(["run", name, "--out", "out"]) == 2
+    words = example_names() if name.startswith("example:") else ["No such file"]
+    assert_one_clear_line(capsys.readouterr().err, *words)
+
+
+def test_a_missing_mesh_ends_with_2_and_a_broken_one_with_1(tmp_path, capsys):
+    for mesh, status in {"none.ply": 2, "broken.off": 1}.items():
+        (tmp_path / "broken.off").write_text("OFF\n3 1 0\n0 0 0\n1 0 0\n0 1 0\n3 0 1 2\n")
+        (tmp_path / "c.toml").write_text(f"[surface]\nfile = '{mesh}'\n[time]\nt1 = 1.0\n")
+        assert main(["run", str(tmp_path / "c.toml"), "--out", str(tmp_path / "out")]) == status
+        error = capsys.readouterr().err
+        assert error.startswith("jaxwillmore: ") and mesh in error and "Traceback" not in error
+
+
+def test_a_place_that_cannot_be_written_ends_with_2(case, tmp_path, capsys):
+    (tmp_path / "file").write_text("mine", encoding="utf-8")
+    assert main(["run", case, "--out", str(tmp_path / "file" / "out"), "--quiet"]) == 2
+    assert_one_clear_line(capsys.readouterr().err, "file")
+
+
+def test_a_failed_run_ends_with_1_and_says_why(case, tmp_path, capsys):
+    path = tmp_path / "short.toml"
+    path.write_text(CASE.replace("dt0 = 1e-3", "dt0 = 1e-3\nmax_steps = 1"), encoding="utf-8")
+    assert main(["run", str(path), "--out", str(tmp_path / "out"), "--quiet"]) == 1
+    assert_one_clear_line(capsys.readouterr().err, "max_steps")
+    assert (tmp_path / "out" / "final.npz").is_file()
+
+
+def test_warnings_are_plain_lines(tmp_path, capsys):
+    text = CASE.replace("[time]", "[flow]\nbdf_order = 5\n[time]\nmax_steps = 1")
+    (tmp_path / "fifth.toml").write_text(text, encoding="utf-8")
+    assert main(["run", str(tmp_path / "fifth.toml"), "--out", str(tmp_path / "out")]) == 1
+    warning = capsys.readouterr().err.splitlines()[0]
+    assert warning.startswith("jaxwillmore: warning: BDF5")
+
+
+def test_an_interrupted_run_ends_with_130_and_is_complete(tmp_path):
+    text = CASE.replace("t1 = 0.01", "t1 = 1e4\nstop_when_stationary = 0.0\nrtol = 1e-7")
+    (tmp_path / "long.toml").write_text(text.replace("0.01", "1e3"), encoding="utf-8")
+    out = tmp_path / "out"
+    command = ["run", str(tmp_path / "long.toml"), "--out", str(out)]
+    with subprocess.Popen(
+        [sys.executable, "-u", "-m", "jaxwillmore", *command],
+        cwd=ROOT,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+    ) as process:
+        assert process.stdout is not None and process.stderr is not None
+        for line in process.stdout:
+            if line.startswith("step"):
+                process.send_signal(signal.SIGTERM)
+                break
+        process.stdout.read()
+        error = process.stderr.read()
+    assert process.returncode == 130
+    assert_one_clear_line(error, "interrupted")
+    summary = json.loads((out / "summary.json").read_text(encoding="utf-8"))
+    assert summary["status"] == "interrupted" and summary["steps"] >= 1
+    assert not (out / ".lock").exists()
