@@ -10,6 +10,7 @@ from ._examples import (
 from ._load import load_case as load_case
 from ._run import CaseRun as CaseRun, run_case as run_case
 from ._sections import (
+    ConstraintsCase as ConstraintsCase,
     EnergyCase as EnergyCase,
     FlowCase as FlowCase,
     OutputCase as OutputCase,

@@ -4,7 +4,15 @@ import dataclasses
 import typing
 
 from ._error import CaseError, shown
-from ._sections import EnergyCase, FlowCase, OutputCase, SurfaceCase, TimeCase, entries
+from ._sections import (
+    ConstraintsCase,
+    EnergyCase,
+    FlowCase,
+    OutputCase,
+    SurfaceCase,
+    TimeCase,
+    entries,
+)
 from ._toml import emit
 
 
@@ -24,6 +32,7 @@ class Case:
 
     surface: SurfaceCase
     energy: EnergyCase = EnergyCase()
+    constraints: ConstraintsCase = ConstraintsCase()
     flow: FlowCase = FlowCase()
     time: TimeCase
     output: OutputCase = OutputCase()
@@ -42,6 +51,7 @@ class Case:
             {
                 "surface": self.surface.entries(),
                 "energy": entries(self.energy),
+                "constraints": entries(self.constraints),
                 "flow": entries(self.flow),
                 "time": entries(self.time),
                 "output": entries(self.output),
@@ -49,4 +59,7 @@ class Case:
         )
 
 
-SECTIONS = {kind.name: kind for kind in (SurfaceCase, EnergyCase, FlowCase, TimeCase, OutputCase)}
+SECTIONS = {
+    kind.name: kind
+    for kind in (SurfaceCase, EnergyCase, ConstraintsCase, FlowCase, TimeCase, OutputCase)
+}

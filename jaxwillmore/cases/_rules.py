@@ -90,6 +90,16 @@ def choice(meaning: str, *words: str) -> Rule:
     return Rule("one of " + ", ".join(f'"{word}"' for word in words), convert, meaning)
 
 
+def number_or(meaning: str, word: str, *, above: float = -math.inf) -> Rule:
+    """A number as in `number`, or one word."""
+    rule = number(meaning, above=above)
+
+    def convert(value):
+        return word if value == word else rule.convert(value)
+
+    return Rule(f'{rule.allowed}, or "{word}"', convert, meaning)
+
+
 def flag(meaning: str) -> Rule:
     """`true` or `false`."""
 

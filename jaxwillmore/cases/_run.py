@@ -12,12 +12,12 @@ import equinox as eqx
 from jaxtyping import Array, Float
 
 from ..evolve import Solution, State, evolve
-from ..flows import WillmoreFlow
 from ..io import RunFolder, RunFolderError, read_history
 from ..mesh import SurfaceMesh
 from ..plot import PlotError, history_picture, surface_picture
 from ..surface import nodal_weingarten_squared
 from ._case import Case
+from ._flow import flow_of
 from ._start import starting_surface
 from ._summary import first_record, reference_energies, row_of, summary_of
 
@@ -64,11 +64,7 @@ def run_case(
     """
     began = time.perf_counter()
     start = starting_surface(case)
-    flow = WillmoreFlow(
-        bending_modulus=case.energy.bending_modulus,
-        spontaneous_curvature=case.energy.spontaneous_curvature,
-        consistency=case.flow.consistency,
-    )
+    flow = flow_of(case, start.mesh, start.x)
     with _folder(out, existing) as folder:
         folder.write_text("case.toml", case.to_toml())
         recorder = _Recorder(case, folder, flow, start.mesh, progress)

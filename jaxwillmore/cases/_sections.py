@@ -19,6 +19,7 @@ from ._rules import (
     flag,
     integer,
     number,
+    number_or,
     numbers_like,
     optional,
     refused,
@@ -133,6 +134,26 @@ class EnergyCase:
         number("b in the energy ∫ b (H − H0)²; ½∫H² is 0.5", above=0.0), 0.5
     )
     spontaneous_curvature: float = _key(number("H0, for the sum of the two curvatures"), 0.0)
+    tension: float = _key(number("σ in + σ · area"), 0.0)
+    pressure: float = _key(number("P in − P · volume; inside minus outside"), 0.0)
+
+    def __post_init__(self):
+        _check_keys(self)
+
+
+@typing.no_type_check
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class ConstraintsCase:
+    """What is held exactly during the flow."""
+
+    name: ClassVar[str] = "constraints"
+
+    area: float | str | None = _key(
+        optional(number_or("area, or that of the start", "initial", above=0.0)), None
+    )
+    volume: float | str | None = _key(
+        optional(number_or("volume, or that of the start", "initial", above=0.0)), None
+    )
 
     def __post_init__(self):
         _check_keys(self)
@@ -146,15 +167,27 @@ class FlowCase:
     name: ClassVar[str] = "flow"
 
     kind: str = _key(
-        choice("Willmore, or Canham–Helfrich where H0 is not 0", "willmore"), "willmore"
+        choice(
+            "willmore (Canham–Helfrich where H0 is not 0), or another law",
+            "willmore",
+            "mean-curvature",
+            "surface-diffusion",
+        ),
+        "willmore",
     )
     scheme: str = _key(
         choice("Newton in every step, or one linear solve", "implicit", "linearly-implicit"),
         "implicit",
     )
     bdf_order: int = _key(integer("order in time; 5 is fragile", 1, 5), 2)
+    tangential: str = _key(
+        choice("how nodes move along the surface", "none", "minimal-deformation"), "none"
+    )
     consistency: float = _key(
         number("c of the consistency terms c·|A|⁴; 4 to 8 holds, 0 switches off", at_least=0.0), 6.0
+    )
+    consistency_weight: str = _key(
+        choice("c times the largest |A|⁴, or node by node", "global", "local"), "global"
     )
 
     def __post_init__(self):

@@ -32,6 +32,8 @@ def first_record(flow: AbstractFlow, mesh: SurfaceMesh, state: State) -> dict[st
     values = diagnostics(flow, mesh, state.x, state.fields)
     row = {"step": 0, "dt": 0.0, "error": 0.0, "t": state.t}
     row |= {name: float(value) for name, value in values.items()}
+    # Multipliers belong to steps; before the first one there are none.
+    row |= {name: math.nan for name in flow.global_names}
     return row | {"newton_iterations": 0, "krylov_iterations": 0, "rejected_steps": 0}
 
 
@@ -49,6 +51,8 @@ def summary_of(
         "newton_iterations": stats["newton_iterations"],
         "krylov_iterations": stats["linear_iterations"],
         **{name: rows[-1][name] for name in _MEASURES},
+        "bending_over_8pi_kappa": _bending(case, rows[-1]),
+        "multipliers": _multipliers(case, rows[-1]),
         "start": {name: rows[0][name] for name in _MEASURES},
         "euler_characteristic": mesh.euler_characteristic,
         "radius_spread": radius_spread(mesh, state.x) if mesh.genus == 0 else None,
@@ -62,6 +66,27 @@ def summary_of(
             "python": platform.python_version(),
             **{name: importlib.metadata.version(name) for name in _LIBRARIES},
         },
+    }
+
+
+def _bending(case: Case, row: dict[str, Any]) -> float | None:
+    """E/(8πκ) with E the bending energy alone and κ = 2 b; 1 on a sphere without H0."""
+    if case.flow.kind != "willmore":
+        return None
+    loads = case.energy.tension * row["area"] - case.energy.pressure * row["volume"]
+    return (row["energy"] - loads) / (16 * math.pi * case.energy.bending_modulus)
+
+
+def _multipliers(case: Case, row: dict[str, Any]) -> dict[str, float] | None:
+    """Tension and pressure of the last step, also in units of κ = 2 b and R0 = √(A/4π)."""
+    if "tension" not in row:
+        return None
+    kappa, R0 = 2 * case.energy.bending_modulus, math.sqrt(row["area"] / (4 * math.pi))
+    return {
+        "tension": row["tension"],
+        "pressure": row["pressure"],
+        "tension_R0^2_over_kappa": row["tension"] * R0**2 / kappa,
+        "pressure_R0^3_over_kappa": row["pressure"] * R0**3 / kappa,
     }
 
 

@@ -4,32 +4,25 @@ import math
 import warnings
 from collections.abc import Callable, Sequence
 
-import jax.numpy as jnp
 from jaxtyping import Array, Float
 
 from ..flows import AbstractFlow
 from ..mesh import SurfaceMesh
 from ..surface import area_radius
 from ._adaptive import Controller, graded_times, growth_limit
+from ._checks import (
+    checked_fields,
+    checked_instances,
+    checked_interval,
+    checked_nodes,
+    checked_order,
+    checked_tolerances,
+)
 from ._interrupt import catch_interrupts
 from ._loop import Loop
 from ._save import Saver, save_times
 from ._solution import Solution, State, message, name_of
 from ._stepper import Stepper
-
-
-def _checked_times(t0, t1, dt0, rtol, max_steps):
-    for name, value in (("t0", t0), ("t1", t1)):
-        if not math.isfinite(value):
-            raise ValueError(f"`{name}` must be finite; got {value}.")
-    if not t1 > t0:
-        raise ValueError(f"`t1` must be larger than `t0`; got t0 = {t0}, t1 = {t1}.")
-    if dt0 is not None and not (math.isfinite(dt0) and 0 < dt0 <= t1 - t0):
-        raise ValueError(f"`dt0` must be positive and at most t1 - t0 = {t1 - t0}; got {dt0}.")
-    if rtol is not None and not (math.isfinite(rtol) and 0 < rtol < 1):
-        raise ValueError(f"`rtol` must lie between 0 and 1, or be None (fixed steps); got {rtol}.")
-    if max_steps < 1:
-        raise ValueError(f"`max_steps` must be at least 1; got {max_steps}.")
 
 
 def evolve(
@@ -92,12 +85,18 @@ def evolve(
     solution = jw.evolve.evolve(jw.flows.WillmoreFlow(), mesh, x, t1=1.0)
     ```
     """
-    _checked_times(t0, t1, dt0, rtol, max_steps)
-    if bdf_order not in (1, 2, 3, 4, 5):
-        raise ValueError(f"`bdf_order` must be 1, 2, 3, 4 or 5; got {bdf_order!r}.")
+    checked_instances(flow, mesh)
+    checked_interval(t0, t1, dt0, rtol, max_steps)
+    checked_tolerances(
+        stationary_tolerance=stationary_tolerance,
+        energy_tolerance=energy_tolerance,
+        newton_tolerance=newton_tolerance,
+    )
+    checked_order(bdf_order)
     if bdf_order == 5:
         warnings.warn("BDF5 is unreliable with few or uneven steps; prefer order 2.", stacklevel=2)
-    x0 = _checked_nodes(mesh, x0)
+    x0 = checked_nodes(mesh, x0)
+    given = checked_fields(flow, mesh, initial)
     times = save_times(saveat, t0, t1)
     stepper = Stepper(
         flow, mesh, scheme=scheme, newton_tolerance=newton_tolerance, linear_solver=linear_solver
@@ -120,7 +119,7 @@ def evolve(
         observer=observer,
         on_save=on_save,
     )
-    fields = flow.initial_fields(mesh, x0, {} if initial is None else initial)
+    fields = flow.initial_fields(mesh, x0, given)
     with catch_interrupts() as interrupted:
         solution = loop.run(x0, fields, t0, t1, dt0, interrupted)
     if throw and not solution.succeeded:
@@ -129,19 +128,3 @@ def evolve(
             f"({name_of(solution.result)}): {message(solution.result)}"
         )
     return solution
-
-
-def _checked_nodes(mesh: SurfaceMesh, x0) -> Float[Array, "nodes 3"]:
-    x0 = jnp.asarray(x0)
-    if x0.dtype != jnp.float64:
-        raise ValueError(
-            f"`x0` must hold 64-bit floats; got {x0.dtype}. JAX may run with "
-            "`jax_enable_x64` off: import jaxwillmore before other code makes arrays."
-        )
-    if x0.shape != (mesh.n_nodes, 3):
-        raise ValueError(f"`x0` must have shape ({mesh.n_nodes}, 3); got {x0.shape}.")
-    finite = jnp.all(jnp.isfinite(x0), axis=1)
-    if not bool(jnp.all(finite)):
-        lost = jnp.flatnonzero(~finite)[:10].tolist()
-        raise ValueError(f"`x0` must be finite; nodes {lost} are not.")
-    return x0

@@ -16,7 +16,6 @@ from ._save import Saver
 from ._solution import RESULTS, Solution, State
 from ._stepper import Attempt, History, Stepper, weights
 
-
 # Accepted rises of the energy may add up to this multiple of the tolerance for one step. A relaxed
 # equilibrium is not the minimiser of a discrete energy and may settle slightly above the least one.
 CREEP = 300.0

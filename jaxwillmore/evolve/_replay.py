@@ -8,6 +8,13 @@ from jaxtyping import Array, Float
 
 from ..flows import AbstractFlow
 from ..mesh import SurfaceMesh
+from ._checks import (
+    checked_fields,
+    checked_instances,
+    checked_nodes,
+    checked_order,
+    checked_schedule,
+)
 from ._stepper import Stepper, Weights, weights
 
 
@@ -80,7 +87,8 @@ def replay(
       cannot be computed; its flow is replaced by `flow`.
     - `checkpoint`: keep only the states and solve every step again in the reverse pass.
 
-    **Raises:** `ValueError` if `times` has fewer than two entries.
+    **Raises:** `ValueError` if `times` has fewer than two entries or does not increase, and for
+    the other arguments as `evolve`.
 
     ```python
     def final_area(b):
@@ -90,9 +98,9 @@ def replay(
     slope = jax.grad(final_area)(0.5)
     ```
     """
-    times = jnp.asarray(times, float)
-    if times.ndim != 1 or times.shape[0] < 2:
-        raise ValueError(f"`times` needs at least two increasing times; got shape {times.shape}.")
+    checked_instances(flow, mesh)
+    checked_order(bdf_order)
+    times, x0 = checked_schedule(times), checked_nodes(mesh, x0)
     if stepper is None:
         stepper = Stepper(
             flow,
@@ -104,7 +112,7 @@ def replay(
     else:
         stepper = eqx.tree_at(lambda s: s.problem.flow, stepper, flow)
     depth = max(bdf_order + 1, 3)
-    fields = flow.initial_fields(mesh, x0, {} if initial is None else initial)
+    fields = flow.initial_fields(mesh, x0, checked_fields(flow, mesh, initial))
     history = stepper.start(times[0], x0, fields, depth)
 
     def step(history, inputs):

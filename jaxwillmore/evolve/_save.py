@@ -24,7 +24,8 @@ def save_times(saveat: float | Sequence[float] | None, t0: float, t1: float) -> 
         if not (math.isfinite(interval) and interval > 0):
             raise ValueError(f"`saveat` needs a positive interval or rising times; got {saveat}.")
         n = math.floor((t1 - t0) / interval * (1 + 1e-12))
-        return [t0 + k * interval for k in range(1, n + 1)]
+        # The last one may miss t1 by rounding, on the far side.
+        return [min(t0 + k * interval, t1) for k in range(1, n + 1)]
     times = [float(t) for t in np.asarray(saveat, float)]
     if not all(b > a for a, b in zip(times, times[1:], strict=False)):
         raise ValueError(f"The times of `saveat` must increase; got {times}.")

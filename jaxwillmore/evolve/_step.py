@@ -133,7 +133,9 @@ class ImplicitStep(AbstractSparseSystem):
         flow, length = self.problem.flow, self.step.length
         scales = flow.scales(length)
         n = self.problem.mesh.n_nodes * scales.shape[0]
-        return y[:n].reshape(-1, scales.shape[0]) * scales[None, :], y[n:] * flow.global_scales(length)
+        return y[:n].reshape(-1, scales.shape[0]) * scales[None, :], y[n:] * flow.global_scales(
+            length
+        )
 
     def positions(self, U: Float[Array, "nodes fields"]) -> Float[Array, "nodes 3"]:
         """Nodes at the new time for the unscaled unknowns `U`."""

@@ -122,6 +122,9 @@ class Stepper(eqx.Module):
                 f"The {scheme} scheme has no global unknowns, but the flow has "
                 f"{flow.global_names}; use scheme='implicit'."
             )
+        SparseSolver(
+            method=linear_solver
+        )  # an unknown method is refused here, not in the first step
         pattern = block_pattern(mesh.cells, mesh.n_nodes)
         self.problem = Problem(flow, mesh, rule_for(mesh), pattern)
         self.scheme, self.newton_tolerance = scheme, newton_tolerance
@@ -183,7 +186,9 @@ class Stepper(eqx.Module):
             multipliers = history.multipliers[0]
         predicted = jnp.tensordot(w.predictor, history.x, axes=1)
         order = jnp.sum(jnp.where(w.derivative != 0, 1.0, 0.0)) - 1.0
-        extent = jnp.max(jnp.ptp(history.x[0], axis=0))
+        # Twice the reach from the centre, which does not depend on how the surface is turned.
+        reach = history.x[0] - jnp.mean(history.x[0], axis=0)[None, :]
+        extent = 2 * jnp.max(jnp.linalg.norm(_safe(reach), axis=1))
         error = jnp.max(jnp.linalg.norm(_safe(x - predicted), axis=1)) / ((order + 1) * extent)
         error = jnp.where(jnp.all(jnp.isfinite(x)), error, jnp.inf)
         return Attempt(x, U, multipliers, result, error, **stats)
@@ -233,8 +238,8 @@ def _residual(y, system):
 
 
 def _safe(d):
-    # The norm has no derivative at zero.
-    return jnp.where(d == 0, 1e-300, d)
+    # The norm has no derivative at zero; the square of what replaces it must not underflow.
+    return jnp.where(d == 0, 1e-150, d)
 
 
 def _stats(solution) -> dict[str, Array]:

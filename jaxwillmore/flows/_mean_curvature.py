@@ -11,14 +11,20 @@ from jaxtyping import Array, Float
 
 from ..energies import non_negative
 from ..fem import Jet, Layout, inner
-from ..surface import area, nodal_weingarten_squared, recover_mean_curvature, recover_normal
-from ._base import AbstractFlow
-from ._willmore import (
-    mean_curvature_consistency,
-    mean_curvature_equation,
-    normal_consistency,
+from ..surface import (
+    area,
+    nodal_weingarten_squared,
+    recover_mean_curvature,
+    recover_normal,
     weingarten,
 )
+from ._base import AbstractFlow
+from ._consistency import (
+    consistency_weight,
+    mean_curvature_consistency,
+    normal_consistency,
+)
+from ._willmore import mean_curvature_equation
 
 
 def speed_equation(V: Jet, F: Float[Array, ""], chi: Jet) -> Float[Array, ""]:
@@ -53,7 +59,7 @@ class MeanCurvatureFlow(AbstractFlow):
     **Arguments:**
 
     - `speed`: $F$, a function of one number; `None` means $F(H) = H$.
-    - `consistency`: factor $c$ of the consistency terms, $\alpha = c\,F'(H)|A_h|^2$.
+    - `consistency`: factor $c$ of the consistency terms, $\alpha = c\,\max F'(H)|A_h|^2$.
 
     *Limits:* mean curvature flow of a sphere ends in a point at $t = R^2/4$; stop before.
 
@@ -78,18 +84,17 @@ class MeanCurvatureFlow(AbstractFlow):
         self.consistency = non_negative("consistency", consistency)
 
     def equation(self, name, point, rate, hat, trial, data, chi):
-        alpha, force = data.alpha.value, data.force.value
-        H = hat.H.value
+        force, H = data.force.value, hat.H.value
         F, slope = jax.value_and_grad(self.speed)(H)
         if name == "H":
             return mean_curvature_equation(rate.H, trial.V, hat, chi) + (
-                alpha * mean_curvature_consistency(trial.H, trial.nu, chi)
+                mean_curvature_consistency(trial.H, trial.nu, data.alpha, chi)
             )
         if name == "V":
             # Linear in the trial field, exact when hat and trial agree.
             return speed_equation(trial.V, F + slope * (trial.H.value - H) - force, chi)
         return parabolic_normal_equation(rate.nu, trial.nu, hat, slope, chi) + (
-            alpha / slope * normal_consistency(trial.nu, point, chi)
+            normal_consistency(trial.nu, point, data.alpha, chi) / slope
         )
 
     def velocity(self, nodal: SimpleNamespace) -> Float[Array, "3"]:
@@ -104,7 +109,8 @@ class MeanCurvatureFlow(AbstractFlow):
     def nodal_data(self, mesh, t, x, fields, x_hat):
         A2 = nodal_weingarten_squared(mesh, x, fields["nu"])
         slope = jax.vmap(jax.grad(self.speed))(fields["H"])
-        return jnp.stack([self.consistency * slope * A2, jnp.zeros(mesh.n_nodes)], axis=1)
+        alpha = consistency_weight("global", self.consistency, slope * A2)
+        return jnp.stack([alpha, jnp.zeros(mesh.n_nodes)], axis=1)
 
     def initial_fields(self, mesh, x, given):
         nu = given["nu"] if "nu" in given else recover_normal(mesh, x)

@@ -10,11 +10,14 @@ from ..energies import non_negative, positive
 from ..fem import Layout
 from ..surface import area, nodal_weingarten_squared, recover_mean_curvature, recover_normal
 from ._base import AbstractFlow
+from ._consistency import (
+    consistency_weight,
+    mean_curvature_consistency,
+    normal_consistency,
+)
 from ._willmore import (
     auxiliary_normal_equation,
-    mean_curvature_consistency,
     mean_curvature_equation,
-    normal_consistency,
     normal_equation,
     normal_velocity_equation,
 )
@@ -26,7 +29,7 @@ class SurfaceDiffusion(AbstractFlow):
     **Arguments:**
 
     - `mobility`: $m$, length⁴/time.
-    - `consistency`: factor $c$ of the consistency terms, $\alpha = c\,m\,|A_h|^4$.
+    - `consistency`: factor $c$ of the consistency terms, $\alpha = c\,m\,\max|A_h|^4$.
 
     **Raises:** `ValueError` for a mobility that is not positive or a negative `consistency`.
 
@@ -48,16 +51,16 @@ class SurfaceDiffusion(AbstractFlow):
         self.consistency = non_negative("consistency", consistency)
 
     def equation(self, name, point, rate, hat, trial, data, chi):
-        m, alpha, Q = self.mobility, data.alpha.value, data.force.value
+        m, Q = self.mobility, data.force.value
         if name == "H":
             return mean_curvature_equation(rate.H, trial.V, hat, chi) + (
-                alpha * mean_curvature_consistency(trial.H, trial.nu, chi)
+                mean_curvature_consistency(trial.H, trial.nu, data.alpha, chi)
             )
         if name == "V":
             return normal_velocity_equation(trial.V, trial.H, m, Q, chi)
         if name == "nu":
             return normal_equation(rate.nu, trial.z, hat, m, Q, chi) + (
-                alpha * normal_consistency(trial.nu, point, chi)
+                normal_consistency(trial.nu, point, data.alpha, chi)
             )
         return auxiliary_normal_equation(trial.z, trial.nu, hat, chi)
 
@@ -72,7 +75,7 @@ class SurfaceDiffusion(AbstractFlow):
 
     def nodal_data(self, mesh, t, x, fields, x_hat):
         A2 = nodal_weingarten_squared(mesh, x, fields["nu"])
-        alpha = self.consistency * self.mobility * A2**2
+        alpha = consistency_weight("global", self.consistency * self.mobility, A2**2)
         return jnp.stack([alpha, jnp.zeros(mesh.n_nodes)], axis=1)
 
     def initial_fields(self, mesh, x, given):

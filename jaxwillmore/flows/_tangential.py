@@ -11,7 +11,7 @@ from ._base import AbstractFlow
 
 
 def deformation_equation(v: Jet, kappa: Jet, nu: Jet, eta: Jet) -> Float[Array, ""]:
-    r"""$(\nabla v, \nabla\eta) + (\kappa\nu, \eta) = 0$: $\tfrac12\int|\nabla v|^2$ is stationary."""
+    r"""$(\nabla v, \nabla\eta) + (\kappa\nu, \eta) = 0$: least $\int|\nabla v|^2$."""
     return inner(v.grad, eta.grad) + kappa.value * inner(nu.value, eta.value)
 
 

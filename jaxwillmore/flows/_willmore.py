@@ -10,23 +10,32 @@ $(HA - A^2)z$, $2(A\nabla H, (\nabla\chi)\nu)$, $(Q, \nabla\cdot\chi)$ and $-(QH
 they are all here.
 """
 
+import math
 from collections.abc import Callable
 from types import SimpleNamespace
 from typing import ClassVar
 
+import equinox as eqx
 import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
 from ..energies import CanhamHelfrich, finite, non_negative, positive
-from ..fem import Jet, Layout, Point, inner, trace
+from ..fem import Jet, Layout, inner, trace
 from ..surface import (
+    area,
     nodal_weingarten_squared,
     recover_mean_curvature,
     recover_normal,
     weingarten,
 )
 from ._base import AbstractFlow
+from ._consistency import (
+    checked_weight,
+    consistency_weight,
+    mean_curvature_consistency,
+    normal_consistency,
+)
 
 
 def mean_curvature_equation(rate, V: Jet, hat, chi: Jet) -> Float[Array, ""]:
@@ -72,20 +81,6 @@ def auxiliary_normal_equation(z: Jet, nu: Jet, hat, chi: Jet) -> Float[Array, ""
     )
 
 
-def mean_curvature_consistency(H: Jet, nu: Jet, chi: Jet) -> Float[Array, ""]:
-    r"""$(H - \mathrm{tr}\nabla\nu, \chi) - (\nu, \nabla\chi)$: $H_h$ against the surface.
-
-    On a closed surface the last two terms are the weak mean curvature of $x$ itself, because
-    $\int \nabla\cdot(\chi\nu) = \int H\,\chi$.
-    """
-    return (H.value - trace(nu.grad)) * chi.value - inner(nu.value, chi.grad)
-
-
-def normal_consistency(nu: Jet, point: Point, chi: Jet) -> Float[Array, ""]:
-    r"""$(\nu - n_\Gamma, \chi)$: $\nu_h$ against the element normal of the surface."""
-    return inner(nu.value - point.normal, chi.value)
-
-
 class WillmoreFlow(AbstractFlow):
     r"""Willmore flow and its Canham–Helfrich generalisation with constant coefficients.
 
@@ -97,7 +92,7 @@ class WillmoreFlow(AbstractFlow):
     The plain system ties $H_h$, $\nu_h$ and $x_h$ only through the evolution and is linearly
     unstable off that manifold: on the unit sphere $|\nu_h| - 1$ grows at rate $+8$. Two consistency
     terms, `mean_curvature_consistency` and `normal_consistency`, weighted with
-    $\alpha = c\,2b_b\,|A_h|^4$ of the old step, cure it and vanish on the exact solution.
+    $\alpha = c\,2b_b\,\max|A_h|^4$ of the old step, cure it and vanish on the exact solution.
 
     **Arguments:**
 
@@ -105,11 +100,13 @@ class WillmoreFlow(AbstractFlow):
       $\kappa$: $b_b = \kappa/2$.
     - `spontaneous_curvature`: $H_0$, 1/length, for the sum of the principal curvatures.
     - `consistency`: $c$; 0 switches the consistency terms off, and below about 4 they are too weak.
+    - `consistency_weight`: `"global"`, or `"local"` for $\alpha = c\,2b_b\,|A_h|^4$ node by node.
     - `forcing`: a function `(t, x) -> scalar` of time and one point: a normal velocity $f$ added to
       the law (manufactured solutions, external fields). It is evaluated at the extrapolated nodes.
 
     **Raises:** `ValueError` for a modulus that is not positive, a negative `consistency`, or a
-    parameter that is not one finite number.
+    parameter that is not one finite number; when a run starts, for an $H_0$ beyond the inverse
+    distance between the nodes.
 
     ??? cite "Reference"
         Kovács, Li, Lubich (2021), *Numer. Math.* 149, 595–643, equations (10a)–(10e).
@@ -119,6 +116,7 @@ class WillmoreFlow(AbstractFlow):
     spontaneous_curvature: Float[Array, ""]
     consistency: Float[Array, ""]
     forcing: Callable | None
+    consistency_weight: str = eqx.field(static=True)
 
     layout: ClassVar[Layout] = Layout(("H", "V", "nu", "z"), (1, 1, 3, 3))
     evolving: ClassVar[tuple[str, ...]] = ("H", "nu")
@@ -127,12 +125,18 @@ class WillmoreFlow(AbstractFlow):
     stages: ClassVar[tuple[tuple[str, ...], ...]] = (("nu", "z"), ("H", "V"))
 
     def __init__(
-        self, bending_modulus=0.5, spontaneous_curvature=0.0, consistency=6.0, forcing=None
+        self,
+        bending_modulus=0.5,
+        spontaneous_curvature=0.0,
+        consistency=6.0,
+        forcing=None,
+        consistency_weight="global",
     ):
         self.bending_modulus = positive("bending_modulus", bending_modulus)
         self.spontaneous_curvature = finite("spontaneous_curvature", spontaneous_curvature)
         self.consistency = non_negative("consistency", consistency)
         self.forcing = forcing
+        self.consistency_weight = checked_weight(consistency_weight)
 
     def force(self, hat) -> Float[Array, ""]:
         r"""$Q = b\,[|A|^2 (H - H_0) - \tfrac12 H (H - H_0)^2]$, the lower-order part of the law."""
@@ -142,10 +146,9 @@ class WillmoreFlow(AbstractFlow):
 
     def equation(self, name, point, rate, hat, trial, data, chi):
         b = 2 * self.bending_modulus
-        alpha = data.alpha.value
         if name == "H":
             return mean_curvature_equation(rate.H, trial.V, hat, chi) + (
-                alpha * mean_curvature_consistency(trial.H, trial.nu, chi)
+                mean_curvature_consistency(trial.H, trial.nu, data.alpha, chi)
             )
         if name == "V":
             Q = self.force(hat) + data.force.value
@@ -153,7 +156,7 @@ class WillmoreFlow(AbstractFlow):
         if name == "nu":
             Q = self.force(hat) + data.force.value
             return normal_equation(rate.nu, trial.z, hat, b, Q, chi) + (
-                alpha * normal_consistency(trial.nu, point, chi)
+                normal_consistency(trial.nu, point, data.alpha, chi)
             )
         return auxiliary_normal_equation(trial.z, trial.nu, hat, chi)
 
@@ -169,13 +172,15 @@ class WillmoreFlow(AbstractFlow):
 
     def nodal_data(self, mesh, t, x, fields, x_hat):
         A2 = nodal_weingarten_squared(mesh, x, fields["nu"])
-        alpha = self.consistency * 2 * self.bending_modulus * A2**2
+        rate = self.consistency * 2 * self.bending_modulus
+        alpha = consistency_weight(self.consistency_weight, rate, A2**2)
         force = jnp.zeros(mesh.n_nodes)
         if self.forcing is not None:
             force = jax.vmap(lambda p: self.forcing(t, p))(x_hat)
         return jnp.stack([alpha, force], axis=1)
 
     def initial_fields(self, mesh, x, given):
+        _check_resolution(self.spontaneous_curvature, mesh, x)
         nu = given["nu"] if "nu" in given else recover_normal(mesh, x)
         H = given["H"] if "H" in given else recover_mean_curvature(mesh, x)
         return {"H": H, "nu": nu}
@@ -191,3 +196,16 @@ class WillmoreFlow(AbstractFlow):
 
     def time_scale(self, length):
         return length**4 / (2 * self.bending_modulus)
+
+
+def _check_resolution(H0, mesh, x):
+    """Refuse a spontaneous curvature that the nodes cannot follow; traced values pass unchecked."""
+    if isinstance(H0, jax.core.Tracer) or isinstance(x, jax.core.Tracer):
+        return
+    spacing = math.sqrt(area(mesh, x) / mesh.n_nodes)
+    if abs(H0) * spacing > 1:
+        raise ValueError(
+            f"`spontaneous_curvature` must be below {1 / spacing:.3g} in size on this mesh, the "
+            f"inverse of the distance between its nodes; got {H0:.6g}. Refine the mesh, or mind "
+            "the unit: 1/length, for the sum of the principal curvatures."
+        )

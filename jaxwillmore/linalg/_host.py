@@ -4,8 +4,9 @@ NumPy and SciPy only. A callback that touched JAX could wait for the computation
 """
 
 import collections
+import concurrent.futures
 import itertools
-import threading
+import os
 
 import numpy as np
 from scipy.sparse.linalg import LinearOperator, gmres
@@ -115,46 +116,72 @@ class _Entry:
 
 
 class Host:
-    """Keeps structures and factorisations, the least recently used ones leaving first."""
+    """Keeps structures and factorisations, the least recently used ones leaving first.
+
+    All work is done by one thread. Callbacks arrive on whatever thread the runtime chooses, and
+    SciPy frees the memory of a SuperLU object only on the thread that made it: elsewhere every
+    factorisation would leak.
+    """
 
     def __init__(self, entries: int = 6, structures: int = 24):
         self._entries: collections.OrderedDict = collections.OrderedDict()
         self._structures: collections.OrderedDict = collections.OrderedDict()
         self._limits = entries, structures
         self._handles = itertools.count(1)
-        self._lock = threading.RLock()
+        self._worker: concurrent.futures.ThreadPoolExecutor | None = None
+        self._process = -1
+
+    def _call(self, work, *args):
+        # Threads do not survive a fork, so a child process starts its own.
+        if self._worker is None or self._process != os.getpid():
+            self._worker = concurrent.futures.ThreadPoolExecutor(1, "jaxwillmore-linalg")
+            self._process = os.getpid()
+        return self._worker.submit(work, *args).result()
 
     def structure(self, key: int, pattern: Pattern, n_fields: int) -> ColumnStructure:
         """Symbolic data of a pattern, computed on first use."""
-        with self._lock:
-            name = key, n_fields
-            if name not in self._structures:
-                self._structures[name] = ColumnStructure(pattern, n_fields)
-            return _touch(self._structures, name, self._limits[1])
+        name = key, n_fields
+        if name not in self._structures:
+            self._structures[name] = ColumnStructure(pattern, n_fields)
+        return _touch(self._structures, name, self._limits[1])
 
     def prepare(self, backend: Backend, data, border, pattern_arrays) -> np.ndarray:
         """Announce a matrix; factorisation waits for the first solve."""
-        with self._lock:
-            handle = next(self._handles)
-            self._entries[handle] = self._entry(backend, data, border, pattern_arrays)
-            _touch(self._entries, handle, self._limits[0])
-        return np.asarray(handle, np.int64)
+        arrays = _host_arrays(data, border, pattern_arrays)
+        return np.asarray(self._call(self._prepare, backend, *arrays), np.int64)
+
+    def _prepare(self, backend, data, border, pattern_arrays) -> int:
+        handle = next(self._handles)
+        self._entries[handle] = self._entry(backend, data, border, pattern_arrays)
+        _touch(self._entries, handle, self._limits[0])
+        return handle
 
     def _entry(self, backend, data, border, pattern_arrays) -> _Entry:
-        indptr, cols, rows, order, key = (np.asarray(a) for a in pattern_arrays)
-        pattern = Pattern(indptr, cols, rows, order)
+        *arrays, key = pattern_arrays
         copies = tuple(np.array(a) for a in border)
-        return _Entry(self, backend, pattern, np.array(data), copies, int(key))
+        return _Entry(self, backend, Pattern(*arrays), np.array(data), copies, int(key))
 
     def solve(self, backend, transpose, rtol, handle, data, border, rhs, pattern_arrays):
         """Solve with the matrix under `handle`, or with `data` anew if it has left."""
-        with self._lock:
-            handle = int(handle)
-            if handle not in self._entries:
-                self._entries[handle] = self._entry(backend, data, border, pattern_arrays)
-            entry = _touch(self._entries, handle, self._limits[0])
-            x, iterations, outcome = entry.solve(np.array(rhs), transpose, rtol)
+        arrays = _host_arrays(data, border, pattern_arrays)
+        return self._call(
+            self._solve, backend, transpose, rtol, int(handle), np.array(rhs), *arrays
+        )
+
+    def _solve(self, backend, transpose, rtol, handle, rhs, data, border, pattern_arrays):
+        if handle not in self._entries:
+            self._entries[handle] = self._entry(backend, data, border, pattern_arrays)
+        entry = _touch(self._entries, handle, self._limits[0])
+        x, iterations, outcome = entry.solve(rhs, transpose, rtol)
         return x, np.asarray(iterations, np.int32), np.asarray(outcome, np.int32)
+
+
+def _host_arrays(data, border, pattern_arrays):
+    return (
+        np.asarray(data),
+        tuple(np.asarray(a) for a in border),
+        tuple(np.asarray(a) for a in pattern_arrays),
+    )
 
 
 def _touch(store: collections.OrderedDict, name, limit: int):

@@ -1,0 +1,119 @@
+"""Arguments of runs, refused before anything is computed. Traced values pass unchecked."""
+
+import math
+import numbers
+from typing import Any
+
+import jax.numpy as jnp
+import numpy as np
+from jax.core import Tracer
+from jaxtyping import Array, Float
+
+from ..flows import AbstractFlow
+from ..mesh import SurfaceMesh
+
+
+def checked_instances(flow, mesh) -> None:
+    """A flow and a mesh, and not their classes."""
+    for name, value, kind in (("flow", flow, AbstractFlow), ("mesh", mesh, SurfaceMesh)):
+        if isinstance(value, type):
+            raise ValueError(
+                f"`{name}` must be an instance; got the class {value.__name__}. "
+                f"Write `{value.__name__}(...)`."
+            )
+        if not isinstance(value, kind):
+            hint = " Generators return `(mesh, x)`." if isinstance(value, tuple) else ""
+            raise ValueError(
+                f"`{name}` must be of type {kind.__name__}; got {type(value).__name__}.{hint}"
+            )
+
+
+def _is_finite(value) -> bool:
+    """Whether a value of any type is one finite real number."""
+    host = np.asarray(value)
+    return host.shape == () and host.dtype.kind in "iuf" and math.isfinite(host)
+
+
+def checked_interval(t0: Any, t1: Any, dt0: Any, rtol: Any, max_steps: Any) -> None:
+    """Times, the error tolerance and the step limit of a run."""
+    for name, value in (("t0", t0), ("t1", t1)):
+        if not _is_finite(value):
+            raise ValueError(f"`{name}` must be a finite number; got {value!r}.")
+    if not t1 > t0:
+        raise ValueError(f"`t1` must be larger than `t0`; got t0 = {t0}, t1 = {t1}.")
+    if dt0 is not None and not (_is_finite(dt0) and 0 < dt0 <= t1 - t0):
+        raise ValueError(f"`dt0` must be positive and at most t1 - t0 = {t1 - t0}; got {dt0!r}.")
+    if rtol is not None and not (_is_finite(rtol) and 0 < rtol < 1):
+        raise ValueError(
+            f"`rtol` must lie between 0 and 1, or be None (fixed steps); got {rtol!r}."
+        )
+    if not isinstance(max_steps, numbers.Integral) or max_steps < 1:
+        raise ValueError(f"`max_steps` must be an integer and at least 1; got {max_steps!r}.")
+
+
+def checked_tolerances(**tolerances: Any) -> None:
+    """Tolerances that are positive, or None where that is offered."""
+    for name, value in tolerances.items():
+        offered = name != "newton_tolerance"
+        if value is None and offered:
+            continue
+        if not (_is_finite(value) and value > 0):
+            also = ", or None" if offered else ""
+            raise ValueError(f"`{name}` must be a positive number{also}; got {value!r}.")
+
+
+def checked_order(bdf_order) -> None:
+    """An order that BDF is stable for."""
+    if not isinstance(bdf_order, numbers.Integral) or bdf_order not in (1, 2, 3, 4, 5):
+        raise ValueError(f"`bdf_order` must be 1, 2, 3, 4 or 5; got {bdf_order!r}.")
+
+
+def checked_nodes(mesh: SurfaceMesh, x0) -> Float[Array, "nodes 3"]:
+    """Nodes as an array of 64-bit floats of the right shape, finite."""
+    return _checked_field("x0", x0, (mesh.n_nodes, 3))
+
+
+def checked_fields(flow: AbstractFlow, mesh: SurfaceMesh, initial) -> dict[str, Array]:
+    """Initial fields by name, each of its shape, finite."""
+    out = {}
+    for name, value in ({} if initial is None else initial).items():
+        if name not in flow.evolving:
+            raise ValueError(f"`initial` may give {flow.evolving}; got {name!r}.")
+        columns = flow.layout.columns(name)
+        size = columns.stop - columns.start
+        shape = (mesh.n_nodes,) if size == 1 else (mesh.n_nodes, size)
+        out[name] = _checked_field(f"initial[{name!r}]", value, shape)
+    return out
+
+
+def _checked_field(name: str, value, shape: tuple[int, ...]) -> Array:
+    value = jnp.asarray(value)
+    if value.dtype != jnp.float64:
+        raise ValueError(
+            f"`{name}` must hold 64-bit floats; got {value.dtype}. JAX may run with "
+            "`jax_enable_x64` off: import jaxwillmore before other code makes arrays."
+        )
+    if value.shape != shape:
+        raise ValueError(f"`{name}` must have shape {shape}; got {value.shape}.")
+    if isinstance(value, Tracer):
+        return value
+    finite = np.isfinite(np.asarray(value)).reshape(shape[0], -1).all(axis=1)
+    if not finite.all():
+        lost = np.flatnonzero(~finite)[:10].tolist()
+        raise ValueError(f"`{name}` must be finite; at nodes {lost} it is not.")
+    return value
+
+
+def checked_schedule(times) -> Float[Array, " times"]:
+    """The times of a replay: at least two, rising."""
+    times = jnp.asarray(times, float)
+    if times.ndim != 1 or times.shape[0] < 2:
+        raise ValueError(f"`times` needs at least two increasing times; got shape {times.shape}.")
+    if not isinstance(times, Tracer):
+        steps = np.diff(np.asarray(times))
+        if not np.all(steps > 0) or not np.all(np.isfinite(steps)):
+            k = int(np.argmin((steps > 0) & np.isfinite(steps)))
+            raise ValueError(
+                f"`times` must be finite and increase; got {times[k]} before {times[k + 1]}."
+            )
+    return times
