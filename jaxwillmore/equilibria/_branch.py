@@ -1,0 +1,357 @@
+"""branch: a family of equilibria followed along a parameter, around folds."""
+
+import dataclasses
+from collections.abc import Callable
+
+import equinox as eqx
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float
+
+from ..mesh import check_surface
+from ._diagnostics import mesh_health
+from ._equilibrium import LARGEST_STEP, Relaxation, settle
+from ._functional import N_GLOBALS, EquilibriumSystem, Parameters, Path, Reference, Units
+from ._reference import advanced
+from ._results import BRANCH_RESULTS, RESULTS, message, name_of
+from ._shape import Equilibrium, finished
+from ._solve import Solved
+
+PARAMETERS = ("reduced_volume", "spontaneous_curvature", "pressure")
+FEW_ITERATIONS, MANY_ITERATIONS = 7, 12
+# The displacement that a step aims at, in units of the size of the surface.
+AIM = 0.06
+
+
+@dataclasses.dataclass(frozen=True)
+class Branch:
+    """A family of equilibria in the order it was followed."""
+
+    parameter: str
+    """Name of the parameter followed."""
+    points: tuple[Equilibrium, ...]
+    """The shapes, the start first."""
+    rows: tuple[dict[str, float], ...]
+    """One dictionary of numbers per point."""
+    events: tuple[tuple[int, str], ...]
+    """Point number and what happened there: folds and changes of stability."""
+    result: BRANCH_RESULTS
+    """Why it ended."""
+
+    @property
+    def succeeded(self) -> bool:
+        """Whether it reached its end."""
+        return bool(self.result == BRANCH_RESULTS.end_reached)
+
+    def table(self) -> str:
+        """The rows as comma-separated values with a header."""
+        names = list(self.rows[0])
+        lines = [",".join(names)]
+        lines += [",".join(f"{row[name]:.12g}" for name in names) for row in self.rows]
+        return "\n".join(lines) + "\n"
+
+
+class _Point(eqx.Module):
+    """Where the branch is: a reference surface at its shape, unknowns, and the tangent there."""
+
+    reference: Reference
+    y: Float[Array, "nodes 3"]
+    g: Float[Array, " globals"]
+    tangent_s: Float[Array, " nodes"]
+    tangent_y: Float[Array, "nodes 3"]
+    tangent_g: Float[Array, " globals"]
+
+    @property
+    def p(self) -> float:
+        """Scaled parameter."""
+        return float(self.g[-1])
+
+
+class _Follower:
+    """Predictor and corrector of one branch, in dimensionless unknowns."""
+
+    def __init__(self, start: Equilibrium, parameter: str, tolerance: float, linear_solver: str):
+        flags = start.fixed_area, start.fixed_volume
+        self.units: Units = start.units
+        self.relaxation = Relaxation(start.mesh, flags, tolerance, linear_solver)
+        self.base, self.direction, self.scale, value = _line(start, parameter)
+        g = start.unknowns[-N_GLOBALS:]
+        r = self.relaxation.reference(self.units.inward(start.x))
+        y = start.Y * self.units.length / self.units.kappa
+        g = g.at[-1].set(value / self.scale)
+        zero = jnp.zeros_like
+        self.point = _Point(r, y, g, zero(y[:, 0]), zero(y), zero(g))
+        self.value = value
+
+    def head(self, stop: float) -> None:
+        """The first tangent: the parameter alone, towards `stop`."""
+        sign = jnp.sign(stop - self.value)
+        self.point = eqx.tree_at(
+            lambda p: p.tangent_g, self.point, self.point.tangent_g.at[-1].set(sign)
+        )
+
+    def _system(self, r: Reference, path: Path) -> EquilibriumSystem:
+        system = self.relaxation.system(r, self.base)
+        return eqx.tree_at(lambda s: s.path, system, path)
+
+    def along(self, length: float):
+        """Correct the secant prediction at pseudo-arclength `length`."""
+        here = self.point
+        area = float(jnp.sum(here.reference.mass))
+        shape = here.reference.times_mass(here.tangent_s) / area
+        weight = here.tangent_g[-1]
+        path = Path(self.direction, shape, weight, length + weight * here.g[-1])
+        return self._corrected(path, length)
+
+    def to(self, p: float):
+        """Correct the prediction at a prescribed scaled parameter."""
+        here = self.point
+        length = (p - here.p) / float(here.tangent_g[-1])
+        path = Path(
+            self.direction, jnp.zeros_like(here.tangent_s), jnp.ones(()), jnp.asarray(float(p))
+        )
+        return self._corrected(path, length)
+
+    def _corrected(self, path: Path, length: float) -> tuple[EquilibriumSystem, Solved]:
+        here = self.point
+        system = self._system(here.reference, path)
+        g = here.g + length * here.tangent_g
+        y = here.y + length * here.tangent_y
+        solved = self.relaxation.solve(system, y, g, length * here.tangent_s)
+        return system, solved
+
+    def settled(self, system: EquilibriumSystem, solved: Solved):
+        """The same parameter again, on the reference surface that belongs to the shape."""
+        s, y, g = system.unpack(solved.unknowns)
+        r = self.relaxation.reference(advanced(system.reference, s))
+        path = Path(self.direction, jnp.zeros_like(s), jnp.ones(()), g[-1])
+        return settle(self.relaxation, self._system(r, path), y, g)
+
+    def accept(self, system: EquilibriumSystem, solved: Solved) -> None:
+        """Move on: a new reference surface and the secant as seen from it."""
+        here = self.point
+        s, y, g = system.unpack(solved.unknowns)
+        X = advanced(here.reference, s)
+        r = self.relaxation.reference(X)
+        step_s = jnp.sum((X - here.reference.X) * r.n, axis=1)
+        area = jnp.sum(r.mass)
+        norm = jnp.sqrt(jnp.sum(step_s * r.times_mass(step_s)) / area + (g[-1] - here.g[-1]) ** 2)
+        steps = step_s, y - here.y, g - here.g
+        self.point = _Point(r, y, g, *(step / norm for step in steps))
+
+
+def _line(start: Equilibrium, parameter: str) -> tuple[Parameters, Parameters, float, float]:
+    """Base, direction, size of a typical change, and value at the start, of the parameter line."""
+    p, units = start.parameters, start.units
+    scaled = units.parameters(p)
+    zero = jnp.zeros(())
+    nothing = Parameters(zero, zero, zero, zero, zero, zero)
+    if parameter == "reduced_volume":
+        if not (start.fixed_area and start.fixed_volume):
+            raise ValueError("A branch in `reduced_volume` needs area and volume held.")
+        scale, value = 0.5, float(start.reduced_volume)
+        rate = scaled.area**1.5 / (6 * jnp.sqrt(jnp.pi))
+        where = lambda q: q.volume
+    elif parameter == "spontaneous_curvature":
+        scale, value = 1 / float(start.area_radius), float(p.spontaneous_curvature)
+        rate, where = units.length, lambda q: q.spontaneous_curvature
+    elif parameter == "pressure":
+        if start.fixed_volume:
+            raise ValueError("A branch in `pressure` needs a free volume.")
+        scale = 10 * float(units.kappa / units.length**3)
+        value = float(p.pressure)
+        rate, where = units.length**3 / units.kappa, lambda q: q.pressure
+    else:
+        raise ValueError(f"`parameter` must be one of {PARAMETERS}; got {parameter!r}.")
+    base = eqx.tree_at(where, scaled, zero)
+    return base, eqx.tree_at(where, nothing, rate * scale), scale, value
+
+
+def branch(
+    equilibrium: Equilibrium,
+    parameter: str = "reduced_volume",
+    *,
+    stop: float,
+    step0: float | None = None,
+    max_step: float | None = None,
+    min_step: float | None = None,
+    max_points: int = 100,
+    self_contact: bool = False,
+    stability: bool = True,
+    tolerance: float = 1e-10,
+    linear_solver: str = "direct",
+    throw: bool = False,
+    observer: Callable[[dict[str, float], Equilibrium], None] | None = None,
+) -> Branch:
+    r"""Follow a family of equilibria from one of them until a parameter reaches `stop`.
+
+    Secant predictor, Newton corrector with a pseudo-arclength equation in the plane of normal
+    displacement and parameter, so that folds are passed; after every point the reference surface
+    moves to the shape with the least deformation. The last point has the parameter `stop` exactly.
+
+    **Arguments:**
+
+    - `equilibrium`: the start; its held and free quantities stay as they are.
+    - `parameter`: `"reduced_volume"` (area and volume held), `"spontaneous_curvature"` or
+      `"pressure"` (volume free).
+    - `stop`: the end, in the units of the parameter; the branch starts towards it.
+    - `step0`, `max_step`, `min_step`: changes of the parameter in the first, largest and smallest
+      step. After the first step they bound the arclength that a parameter step of that size has.
+    - `max_points`: most points after the start.
+    - `self_contact`: also stop where triangles of the surface pierce each other.
+    - `stability`: count the negative directions of every point.
+    - `throw`: raise `RuntimeError` unless `stop` is reached. By default all converged shapes are
+      returned with the reason.
+    - `observer`: called with the row and the shape of every point.
+
+    **Raises:** `ValueError` for a parameter that the start does not allow, or an impossible `stop`.
+
+    *Limits:* it stays on one branch: crossing branches are noticed as events (a change of
+    `negative_directions` without a fold) and not switched to.
+    """
+    _check_stop(equilibrium, parameter, stop)
+    follower = _Follower(equilibrium, parameter, tolerance, linear_solver)
+    size = follower.scale
+    step0 = 0.04 * size if step0 is None else abs(step0)
+    limits = (
+        (1e-4 * size if min_step is None else min_step) / size,
+        (0.5 * size if max_step is None else max_step) / size,
+    )
+    follower.head(stop)
+    run = _Run(follower, equilibrium, parameter, stability, self_contact, observer)
+    result = run.follow(stop / size, step0 / size, limits, max_points)
+    done = Branch(parameter, tuple(run.points), tuple(run.rows), tuple(run.events), result)
+    if throw and not done.succeeded:
+        last = run.rows[-1][parameter]
+        raise RuntimeError(
+            f"The branch ended at {parameter} = {last:.6g} of {stop:.6g} "
+            f"({name_of(result)}): {message(result)}"
+        )
+    return done
+
+
+def _check_stop(equilibrium: Equilibrium, parameter: str, stop: float) -> None:
+    if not equilibrium.succeeded:
+        raise ValueError("A branch starts from an equilibrium that converged.")
+    if not np.isfinite(stop):
+        raise ValueError(f"`stop` must be finite; got {stop!r}.")
+    if parameter == "reduced_volume" and not 0 < stop <= 1:
+        raise ValueError(f"A reduced volume lies in (0, 1]; got `stop` = {stop:.6g}.")
+
+
+class _Run:
+    """The loop over points and what it has collected."""
+
+    def __init__(self, follower, start, parameter, stability, self_contact, observer):
+        self.follower, self.parameter, self.observer = follower, parameter, observer
+        self.stability, self.self_contact = stability, self_contact
+        self.points: list[Equilibrium] = []
+        self.rows: list[dict[str, float]] = []
+        self.events: list[tuple[int, str]] = []
+        self._add(start, follower.value, 0, 0.0)
+
+    def follow(self, stop: float, length: float, limits, max_points: int) -> BRANCH_RESULTS:
+        f = self.follower
+        if stop == f.point.p:
+            return BRANCH_RESULTS.end_reached
+        side = np.sign(stop - f.point.p)
+        while len(self.points) <= max_points:
+            here = f.point
+            ahead = here.p + length * float(here.tangent_g[-1])
+            last = side * (ahead - stop) >= 0
+            system, solved = f.to(stop) if last else f.along(length)
+            s, _, g = system.unpack(solved.unknowns)
+            displaced = float(jnp.max(jnp.abs(s)))
+            good = solved.converged and displaced < LARGEST_STEP
+            if good and not last and side * (float(g[-1]) - stop) > 0:
+                # The curve bent towards the end: take the rest in one step of known size.
+                last = True
+                system, solved = f.to(stop)
+                good = solved.converged
+            if good and last:
+                final = f.settled(system, solved)
+                good = final is not None
+                system, solved = final if final is not None else (system, solved)
+            if not good:
+                length = length / 2
+                if length < limits[0]:
+                    return BRANCH_RESULTS.step_too_small
+                continue
+            trouble = self._record(system, solved, length)
+            if trouble is not None or last:
+                return BRANCH_RESULTS.end_reached if trouble is None else trouble
+            previous = here.tangent_g[-1]
+            f.accept(system, solved)
+            if float(previous * f.point.tangent_g[-1]) < 0:
+                self.events.append((len(self.points) - 1, "fold"))
+            length = _next_length(length, int(solved.iterations), displaced, limits[1])
+        return BRANCH_RESULTS.point_limit
+
+    def _record(self, system, solved, length) -> BRANCH_RESULTS | None:
+        """Keep a point, unless its mesh is no evidence; the reason to stop there, if any."""
+        r = system.reference
+        x = r.positions(system.unpack(solved.unknowns)[0])
+        if not mesh_health(r.mesh, x).is_sound:
+            return BRANCH_RESULTS.resolution_lost
+        if self.self_contact and _pierces(r.mesh, x):
+            return BRANCH_RESULTS.self_contact
+        point = finished(
+            system,
+            solved,
+            RESULTS.converged,
+            self.follower.units,
+            self.stability,
+            self.follower.relaxation.linear_solver,
+            {"newton_iterations": int(solved.iterations)},
+        )
+        value = float(solved.unknowns[-1]) * self.follower.scale
+        self._add(point, value, int(solved.iterations), length * self.follower.scale)
+        return None
+
+    def _add(self, point: Equilibrium, value: float, iterations: int, step: float) -> None:
+        row = _row(point, self.parameter, value, iterations, step)
+        before = self.rows[-1]["negative_directions"] if self.rows else np.nan
+        self.points.append(point)
+        self.rows.append(row)
+        now = row["negative_directions"]
+        if np.isfinite(before) and np.isfinite(now) and before != now:
+            event = f"negative directions {before:.0f} -> {now:.0f}"
+            self.events.append((len(self.points) - 1, event))
+        if self.observer is not None:
+            self.observer(row, point)
+
+
+def _next_length(length: float, iterations: int, displaced: float, largest: float) -> float:
+    factor = 1.5 if iterations <= FEW_ITERATIONS else 1.0
+    factor = 0.6 if iterations >= MANY_ITERATIONS else factor
+    return min(length * min(factor, AIM / max(displaced, 1e-12)), largest)
+
+
+def _row(point: Equilibrium, parameter: str, value: float, iterations: int, step: float):
+    health = point.health
+    negative = point.negative_directions
+    row = {
+        "reduced_volume": float(point.reduced_volume),
+        "bending_over_8pi_kappa": float(point.bending_over_8pi_kappa),
+        "energy": float(point.energy),
+        "tension": float(point.tension),
+        "pressure": float(point.pressure),
+        "scaled_tension": float(point.scaled_tension),
+        "scaled_pressure": float(point.scaled_pressure),
+        "negative_directions": float("nan") if negative is None else float(negative),
+        "lowest_eigenvalue": point.eigenvalues[0] if point.eigenvalues else float("nan"),
+        "min_angle": health.min_angle,
+        "mid_node_offset": health.mid_node_offset,
+        "min_jacobian": health.min_jacobian,
+        "newton_iterations": float(iterations),
+        "step": step,
+    }
+    return {parameter: value} | row
+
+
+def _pierces(mesh, x) -> bool:
+    """Whether flat triangles between the vertices pierce each other."""
+    triangles = np.asarray(mesh.triangles)
+    vertices = np.asarray(x)[: triangles.max() + 1]
+    report = check_surface(vertices, triangles)
+    return any(finding.kind == "self_intersections" for finding in report.findings)

@@ -1,0 +1,265 @@
+"""equilibrium: a constrained stationary shape, from a start that may be poor."""
+
+import time
+from collections.abc import Callable
+
+import equinox as eqx
+import jax.numpy as jnp
+import numpy as np
+import optimistix as optx
+from jaxtyping import Array, Float
+
+from ..mesh import SurfaceMesh
+from ..surface import mean_curvature_vector
+from ._diagnostics import MIN_JACOBIAN, mesh_health
+from ._functional import (
+    N_GLOBALS,
+    EquilibriumSystem,
+    Parameters,
+    Reference,
+    Units,
+    area_and_volume,
+)
+from ._reference import advanced, prepare, reference
+from ._results import RESULTS, message, name_of
+from ._shape import Equilibrium, constant_path, finished
+from ._solve import Solved, newton_jit
+from ._targets import checked_start, targets
+
+FIRST_TAU = 1e-3
+SMALLEST_TAU = 1e-9
+GROWTH = 3.0
+# Largest displacement of a step, in units of the size of the surface.
+LARGEST_STEP = 0.1
+LARGEST_ITERATIONS, MAX_ITERATIONS = 12, 20
+# Largest change of volume in a step.
+VOLUME_RAMP = 0.03
+SMALLEST_RAMP = 1e-4
+# Steps smaller than this, at a pseudo-time step of order one, are worth a try without pseudo-time.
+NEARLY_SETTLED, SETTLED_TAU = 0.02, 0.3
+# A displacement smaller than this leaves the mesh of the reference as it is.
+SETTLED = 2e-3
+# Discretisation error that a change of reference may show as a rise of the energy.
+RISE = 1e-3
+
+
+class Relaxation:
+    """Pseudo-time steps with changing reference surfaces, all dimensionless."""
+
+    def __init__(self, mesh, flags, tolerance: float, linear_solver: str):
+        self.mesh, self.flags = mesh, flags
+        self.tolerance, self.linear_solver = tolerance, linear_solver
+        self.rule, self.pattern = prepare(mesh)
+        self.iterations = 0
+
+    def reference(self, X) -> Reference:
+        return reference(self.mesh, self.rule, self.pattern, X)
+
+    def system(self, r: Reference, parameters: Parameters, inverse_tau=0.0) -> EquilibriumSystem:
+        area, volume = (jnp.asarray(flag) for flag in self.flags)
+        return EquilibriumSystem(
+            r, parameters, constant_path(r), area, volume, jnp.asarray(inverse_tau, float)
+        )
+
+    def solve(self, system: EquilibriumSystem, y, g, s=None) -> Solved:
+        start = system.pack(jnp.zeros(y.shape[0]) if s is None else s, y, g)
+        # One tolerance for all solves: each other one would compile Newton's method again.
+        solved = newton_jit(system, start, self.tolerance, MAX_ITERATIONS, self.linear_solver)
+        self.iterations += int(solved.iterations)
+        return solved
+
+
+def equilibrium(
+    mesh: SurfaceMesh,
+    x0: Float[Array, "nodes 3"],
+    *,
+    bending_modulus=0.5,
+    spontaneous_curvature=0.0,
+    area="initial",
+    volume=None,
+    reduced_volume=None,
+    tension=None,
+    pressure=None,
+    tolerance: float = 1e-10,
+    max_outer: int = 60,
+    stability: bool = True,
+    linear_solver: str = "direct",
+    throw: bool = True,
+    observer: Callable[[dict[str, float]], None] | None = None,
+) -> Equilibrium:
+    r"""Stationary shape of $b_b\int (H - H_0)^2$ under constraints of area and volume.
+
+    Newton's method for one mixed functional on a frozen reference surface, made global by implicit
+    pseudo-time steps after each of which the reference follows the shape with the least
+    deformation. The last solve has no pseudo-time and a frozen reference: `resolve` repeats it as
+    a differentiable function.
+
+    **Arguments:**
+
+    - `mesh`, `x0`: a closed surface near the shape wanted; an ellipsoid of the right reduced volume
+      is near enough. Degree 2 is recommended.
+    - `bending_modulus`: $b_b = \kappa/2$.
+    - `spontaneous_curvature`: $H_0$ for $H = \kappa_1 + \kappa_2$.
+    - `area`: `"initial"`, a number, or `None` when free. The surface is scaled to a number.
+    - `volume`: `"initial"`, a number, or `None` when free.
+    - `reduced_volume`: instead of `volume`, from the area that is held.
+    - `tension`: $\sigma$ in place of a held area (0 if `area=None`).
+    - `pressure`: $P = P_{in} - P_{out}$ in place of a held volume (0 if nothing is said).
+    - `tolerance`: largest error of the dimensionless unknowns.
+    - `max_outer`: pseudo-time steps, rejected ones included.
+    - `stability`: count the negative directions.
+    - `linear_solver`: `"direct"` or, with the extra `fast`, `"pardiso"`.
+    - `throw`: raise `RuntimeError` unless it converged; otherwise look at `result`.
+    - `observer`: called with a dictionary after every pseudo-time step.
+
+    **Raises:** `ValueError` for impossible targets, with the allowed range; `RuntimeError`.
+
+    *Limits:* a modulus and a spontaneous curvature that are the same everywhere. Newton's method
+    also finds saddles: read `negative_directions`. Area and volume held together become dependent
+    as the reduced volume approaches 1.
+
+    ```python
+    mesh, x = jw.equilibria.spheroid(0.8, level=2)
+    shape = jw.equilibria.equilibrium(mesh, x, reduced_volume=0.8)
+    ```
+    """
+    started = time.perf_counter()
+    x0 = checked_start(mesh, x0)
+    if tolerance <= 0 or max_outer < 1:
+        raise ValueError("`tolerance` must be positive and `max_outer` at least 1.")
+    target, flags = targets(
+        mesh,
+        x0,
+        bending_modulus=bending_modulus,
+        spontaneous_curvature=spontaneous_curvature,
+        area=area,
+        volume=volume,
+        reduced_volume=reduced_volume,
+        tension=tension,
+        pressure=pressure,
+    )
+    units = Units(
+        jnp.sqrt(target.area / (4 * jnp.pi)),
+        2 * target.bending_modulus,
+        jnp.mean(x0, axis=0),
+    )
+    relaxation = Relaxation(mesh, flags, tolerance, linear_solver)
+    now = area_and_volume(mesh, relaxation.rule, x0)[0]
+    X = units.inward(x0) * jnp.sqrt(target.area / now)
+    system, solved, result, outer = relax(
+        relaxation, X, units.parameters(target), max_outer, observer
+    )
+    stats = {
+        "outer_steps": outer,
+        "newton_iterations": relaxation.iterations,
+        "seconds": time.perf_counter() - started,
+    }
+    eq = finished(system, solved, result, units, stability, linear_solver, stats)
+    if throw and not eq.succeeded:
+        raise RuntimeError(f"No equilibrium ({name_of(result)}): {message(result)}")
+    return eq
+
+
+def relax(relaxation: Relaxation, X, target: Parameters, max_outer: int, observer):
+    """Pseudo-time steps from nodes `X` to the final solve, all dimensionless."""
+    mesh = relaxation.mesh
+    y = target.bending_modulus * mean_curvature_vector(mesh, X)
+    r = relaxation.reference(X)
+    y = y - target.bending_modulus * target.spontaneous_curvature * r.n
+    g, tau, rate = jnp.zeros(N_GLOBALS), FIRST_TAU, VOLUME_RAMP
+    volume = area_and_volume(mesh, relaxation.rule, X)[1]
+    result = RESULTS.not_settled
+    system = relaxation.system(r, target)
+    # The last accepted step: what is returned when nothing settles.
+    start = system.pack(jnp.zeros(len(X)), y, g)
+    untried = optx.RESULTS.nonlinear_max_steps_reached
+    best = system, Solved(start, jnp.asarray(jnp.inf), jnp.asarray(0), untried)
+    for outer in range(1, max_outer + 1):
+        ramp = jnp.clip(target.volume, (1 - rate) * volume, (1 + rate) * volume)
+        ramping = relaxation.flags[1] and bool(jnp.abs(ramp / volume - 1) > SMALLEST_RAMP)
+        aim = eqx.tree_at(lambda p: p.volume, target, ramp)
+        system = relaxation.system(r, aim, 1 / tau)
+        solved = relaxation.solve(system, y, g)
+        s, new_y, new_g = system.unpack(solved.unknowns)
+        size = float(jnp.max(jnp.abs(s)))
+        fold = not mesh_health(mesh, r.positions(s)).min_jacobian > MIN_JACOBIAN
+        accepted = (
+            solved.converged
+            and int(solved.iterations) <= LARGEST_ITERATIONS
+            and size < LARGEST_STEP
+            and not fold
+        )
+        if observer is not None:
+            observer(_row(system, solved, outer, tau, size, accepted))
+        if not accepted:
+            if ramping:
+                # With a shorter pseudo-time step the same volume would go into short waves.
+                rate, tau = rate / 2, max(tau / GROWTH, FIRST_TAU)
+            else:
+                tau = tau / GROWTH
+            if tau < SMALLEST_TAU or rate < SMALLEST_RAMP:
+                finite_ = bool(jnp.all(jnp.isfinite(solved.unknowns)))
+                result = RESULTS.element_inverted if fold else RESULTS.step_too_small
+                result = result if finite_ else RESULTS.not_finite
+                return *best, result, outer
+            continue
+        best = system, solved
+        before = float(system.bending_energy(solved.unknowns)) + _work(aim, relaxation.flags, r, s)
+        r, y, g, volume = relaxation.reference(advanced(r, s)), new_y, new_g, ramp
+        arrived = not relaxation.flags[1] or bool(ramp == target.volume)
+        if arrived and size < NEARLY_SETTLED and tau >= SETTLED_TAU:
+            final = settle(relaxation, relaxation.system(r, target), y, g, before)
+            if final is not None:
+                return *final, RESULTS.converged, outer
+        tau, rate = tau * GROWTH, min(1.5 * rate, VOLUME_RAMP)
+    return *best, result, max_outer
+
+
+def _work(p: Parameters, flags, r: Reference, s) -> float:
+    """Work of a prescribed tension and pressure: part of what a step lowers."""
+    area, volume = area_and_volume(r.mesh, r.rule, r.positions(s))
+    work = jnp.where(flags[0], 0.0, p.tension * area)
+    return float(work - jnp.where(flags[1], 0.0, p.pressure * volume))
+
+
+def settle(relaxation: Relaxation, system: EquilibriumSystem, y, g, before: float | None = None):
+    """Newton without pseudo-time, the reference following the shape until that stands still.
+
+    **Returns:** the system on the last reference and its solution; `None` if the solve fails,
+    strays, or (with `before`, the energy to start from) climbs.
+    """
+    found = None
+    for _ in range(4):
+        solved = relaxation.solve(system, y, g)
+        found = system, solved
+        s, y, g = system.unpack(solved.unknowns)
+        size = float(jnp.max(jnp.abs(s)))
+        if not solved.converged or size > LARGEST_STEP:
+            return None
+        if before is not None:
+            after = float(system.bending_energy(solved.unknowns))
+            after += _work(system.parameters, relaxation.flags, system.reference, s)
+            # A rise beyond discretisation error means a saddle, which pseudo-time would leave.
+            if after > before + RISE * abs(before):
+                return None
+            before = after
+        if size < SETTLED:
+            break
+        system = eqx.tree_at(
+            lambda q: q.reference, system, relaxation.reference(advanced(system.reference, s))
+        )
+    return found
+
+
+def _row(system, solved, outer, tau, size, accepted) -> dict[str, float]:
+    p = system.parameters
+    return {
+        "step": outer,
+        "tau": tau,
+        "accepted": float(accepted),
+        "largest_displacement": size,
+        "newton_iterations": int(solved.iterations),
+        "energy_over_8pi_kappa": float(system.bending_energy(solved.unknowns))
+        / (8 * np.pi * float(p.bending_modulus)),
+        "volume": float(p.volume),
+    }

@@ -1,0 +1,109 @@
+"""Reference surfaces: normals, matrices, and the next reference from a displacement."""
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import lineax as lx
+import numpy as np
+from jaxtyping import Array, Float
+
+from ..fem import Rule, gather, point, rule_for
+from ..linalg import BlockPattern, SparseOperator, SparseSolver, block_pattern, scatter_blocks
+from ..mesh import SurfaceMesh
+from ..surface import recover_normal
+from ._functional import Reference
+
+# Degrees of exactness at which the energy is as good as with any higher one (P1, P2, P3, P4).
+QUADRATURE_DEGREES = {1: 4, 2: 6, 3: 8, 4: 10}
+
+
+def prepare(mesh: SurfaceMesh) -> tuple[Rule, BlockPattern]:
+    """Quadrature and sparsity of a mesh: what all its reference surfaces share."""
+    return rule_for(mesh, QUADRATURE_DEGREES[mesh.degree]), block_pattern(mesh.cells, mesh.n_nodes)
+
+
+@eqx.filter_jit
+def reference(
+    mesh: SurfaceMesh, rule: Rule, pattern: BlockPattern, X: Float[Array, "nodes 3"]
+) -> Reference:
+    """The reference surface with nodes `X`.
+
+    Its normals are the normalised L² projection of the element normals; its rigid rows are the
+    normal parts of three translations and three rotations about the mean node, tested.
+    """
+    mass, stiffness = _matrices(mesh, rule, pattern, X)
+    n = recover_normal(mesh, X)
+    arm = X - jnp.mean(X, axis=0, keepdims=True)
+    motions = jnp.concatenate([n, jnp.cross(arm, n)], axis=1)
+    rigid = jnp.zeros_like(motions).at[pattern.rows].add(mass[:, None] * motions[pattern.cols])
+    return Reference(mesh, rule, pattern, X, n, mass, stiffness, rigid.T)
+
+
+def _matrices(mesh, rule, pattern, X):
+    """Mass and stiffness entries on the pattern."""
+
+    def cell(x_T):
+        def at(phi, weight):
+            J = x_T.T @ phi
+            here = point(J[:, 0], J[:, 1:])
+            grad = phi[:, 1:] @ here.lift.T
+            both = jnp.stack([jnp.outer(phi[:, 0], phi[:, 0]), grad @ grad.T], axis=-1)
+            return weight * here.dA * both
+
+        return jnp.sum(jax.vmap(at)(rule.phi, rule.weights), axis=0)
+
+    local = jax.vmap(cell)(gather(mesh, X))
+    mass, stiffness = (scatter_blocks(pattern, local[..., k, None, None])[:, 0, 0] for k in (0, 1))
+    return mass, stiffness
+
+
+@eqx.filter_jit
+def advanced(r: Reference, s: Float[Array, " nodes"]) -> Float[Array, "nodes 3"]:
+    r"""Nodes of the next reference surface: $X + w$ with the least deformation.
+
+    $$ w = \arg\min \tfrac12 \int |\nabla_\Gamma w|^2 \quad\text{with}\quad w_i\cdot n_i = s_i $$
+
+    Nodes that only ever moved along normals would crowd and spread; w spreads the strain.
+
+    ??? cite "Reference"
+        Hu, Li (2022), *Numer. Math.* 152, 1–40 (as a velocity; here as a displacement).
+    """
+    T = _tangents(r.n)
+    rows, cols = r.pattern.rows, r.pattern.cols
+    blocks = r.stiffness[:, None, None] * jnp.einsum("bia,bic->bac", T[rows], T[cols])
+    normal = s[:, None] * r.n
+    pull = jnp.zeros_like(normal).at[rows].add(r.stiffness[:, None] * normal[cols])
+    rhs = -jnp.einsum("nia,ni->na", T, pull).reshape(-1)
+    operator = SparseOperator(blocks, r.pattern)
+    solution = lx.linear_solve(operator, rhs, SparseSolver(rtol=1e-10), throw=False)
+    return r.X + normal + jnp.einsum("nia,na->ni", T, solution.value.reshape(-1, 2))
+
+
+def _tangents(n: Float[Array, "nodes 3"]) -> Float[Array, "nodes 3 2"]:
+    """Two orthonormal tangents at every node."""
+    axis = jnp.eye(3)[jnp.argmin(jnp.abs(n), axis=1)]
+    first = jnp.cross(n, axis)
+    first = first / jnp.linalg.norm(first, axis=1, keepdims=True)
+    return jnp.stack([first, jnp.cross(n, first)], axis=-1)
+
+
+@eqx.filter_jit
+def _smoothed(r: Reference, strength):
+    blocks = (r.mass + strength * r.stiffness)[:, None, None] * jnp.ones((1, 1, 1))
+    operator = SparseOperator(blocks, r.pattern)
+    rhs = jnp.zeros_like(r.X).at[r.pattern.rows].add(r.mass[:, None] * r.X[r.pattern.cols])
+
+    def solve(column):
+        return lx.linear_solve(operator, column, SparseSolver(rtol=1e-10), throw=False).value
+
+    return jnp.stack([solve(rhs[:, k]) for k in range(3)], axis=1)
+
+
+def smoothed(mesh: SurfaceMesh, x: Float[Array, "nodes 3"]) -> Float[Array, "nodes 3"]:
+    r"""One implicit smoothing $(M + 0.3 h^2 S)^{-1} M x$, with h the mean size of a triangle.
+
+    For faceted input that was raised to degree 2: it takes off the facets and leaves the shape.
+    """
+    r = reference(mesh, *prepare(mesh), x)
+    h2 = float(jnp.sum(r.mass)) * 4 / np.sqrt(3) / mesh.n_cells
+    return _smoothed(r, jnp.asarray(0.3 * h2))

@@ -1,0 +1,56 @@
+"""One Newton solve on a frozen reference surface; the only place that calls a root finder."""
+
+import equinox as eqx
+import jax.numpy as jnp
+import optimistix as optx
+from jaxtyping import Array, Float, Int
+
+from ..linalg import SparseNewton, SparseSolver
+from ._functional import EquilibriumSystem
+
+
+class Solved(eqx.Module):
+    """Unknowns, largest residual, Newton iterations and outcome."""
+
+    unknowns: Float[Array, " unknowns"]
+    residual: Float[Array, ""]
+    iterations: Int[Array, ""]
+    result: optx.RESULTS
+
+    @property
+    def converged(self) -> bool:
+        """Whether Newton's method reached its tolerance."""
+        return bool(self.result == optx.RESULTS.successful)
+
+
+def _residual(v, system):
+    return system.residual(v)
+
+
+def newton(
+    system: EquilibriumSystem,
+    start: Float[Array, " unknowns"],
+    tolerance: float,
+    max_steps: int,
+    linear_solver: str,
+) -> Solved:
+    """Solve a system from a start; differentiable in the system by the implicit function theorem.
+
+    The stiff saddle-point matrix is factorised as a whole, in nested-dissection order.
+    """
+    solver = SparseSolver(rtol=1e-11, method=linear_solver)
+    solution = optx.root_find(
+        _residual,
+        SparseNewton(tolerance, solver),
+        start,
+        system,
+        max_steps=max_steps,
+        adjoint=optx.ImplicitAdjoint(solver),
+        throw=False,
+    )
+    v = solution.value
+    worst = jnp.max(jnp.abs(system.residual(v)))
+    return Solved(v, worst, jnp.asarray(solution.stats["num_steps"]), solution.result)
+
+
+newton_jit = eqx.filter_jit(newton)

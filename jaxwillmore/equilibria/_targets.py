@@ -1,0 +1,84 @@
+"""What an equilibrium is asked for; refuses what cannot be."""
+
+import jax.numpy as jnp
+import numpy as np
+
+from ..energies import finite, positive
+from ._functional import Parameters, area_and_volume
+from ._reference import prepare
+
+# Above this reduced volume the gradients of area and volume are too nearly parallel to ramp from.
+ROUND = 0.998
+
+
+def checked_start(mesh, x0):
+    """Nodes as an array of the right shape, finite."""
+    x0 = jnp.asarray(x0)
+    if x0.shape != (mesh.n_nodes, 3):
+        raise ValueError(f"`x0` must have shape {(mesh.n_nodes, 3)}; got {x0.shape}.")
+    if not bool(jnp.all(jnp.isfinite(x0))):
+        raise ValueError("`x0` holds values that are not finite.")
+    return x0
+
+
+def targets(
+    mesh,
+    x0,
+    *,
+    bending_modulus,
+    spontaneous_curvature,
+    area,
+    volume,
+    reduced_volume,
+    tension,
+    pressure,
+) -> tuple[Parameters, tuple[bool, bool]]:
+    """Parameters, and whether area and volume are held; refuses what cannot be."""
+    now_area, now_volume = area_and_volume(mesh, prepare(mesh)[0], x0)
+    if float(now_volume) <= 0:
+        raise ValueError(f"`x0` encloses volume {float(now_volume):.3g}: turn its normals outward.")
+    fixed_area = tension is None and area is not None
+    if tension is not None and not (area is None or isinstance(area, str)):
+        raise ValueError("Give `area` or `tension`, not both.")
+    A = now_area if not fixed_area or area == "initial" else positive("area", area)
+    if volume is not None and reduced_volume is not None:
+        raise ValueError("Give `volume` or `reduced_volume`, not both.")
+    fixed_volume = volume is not None or reduced_volume is not None
+    if fixed_volume and pressure is not None:
+        raise ValueError("Give `volume` (or `reduced_volume`) or `pressure`, not both.")
+    if reduced_volume is not None and not fixed_area:
+        raise ValueError("`reduced_volume` needs a held area; give `volume` instead.")
+    ball = A**1.5 / (6 * np.sqrt(np.pi))
+    if reduced_volume is not None:
+        v = finite("reduced_volume", reduced_volume)
+        if not 0 < float(v) <= 1:
+            raise ValueError(f"`reduced_volume` must lie in (0, 1]; got {float(v):.6g}.")
+        V = v * ball
+    elif volume == "initial":
+        # The area is scaled to its target first, and the volume with it.
+        V = now_volume * (A / now_area) ** 1.5
+    elif volume is not None:
+        V = positive("volume", volume)
+    else:
+        V = now_volume
+    if fixed_area and fixed_volume and float(V) > float(ball) * (1 + 1e-12):
+        raise ValueError(
+            f"Area {float(A):.6g} encloses at most volume {float(ball):.6g} (a sphere); "
+            f"got `volume` {float(V):.6g}."
+        )
+    start = float(6 * np.sqrt(np.pi) * now_volume / now_area**1.5)
+    if fixed_area and fixed_volume and start > ROUND and float(V / ball) < start - (1 - ROUND):
+        raise ValueError(
+            f"`x0` is a sphere (reduced volume {start:.6g}), from which no small displacement "
+            "keeps the area and lowers the volume; start from `equilibria.spheroid` or another "
+            "shape that is not round."
+        )
+    parameters = Parameters(
+        positive("bending_modulus", bending_modulus),
+        finite("spontaneous_curvature", spontaneous_curvature),
+        A,
+        V,
+        finite("tension", 0.0 if tension is None else tension),
+        finite("pressure", 0.0 if pressure is None else pressure),
+    )
+    return parameters, (fixed_area, fixed_volume)
