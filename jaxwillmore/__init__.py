@@ -22,6 +22,7 @@ if TYPE_CHECKING:
     from . import (
         cases as cases,
         energies as energies,
+        equilibria as equilibria,
         evolve as evolve,
         fem as fem,
         flows as flows,
@@ -40,6 +41,7 @@ _jax.config.update("jax_enable_x64", True)
 _SUBPACKAGES = (
     "cases",
     "energies",
+    "equilibria",
     "evolve",
     "fem",
     "flows",

@@ -122,9 +122,8 @@ class Stepper(eqx.Module):
                 f"The {scheme} scheme has no global unknowns, but the flow has "
                 f"{flow.global_names}; use scheme='implicit'."
             )
-        SparseSolver(
-            method=linear_solver
-        )  # an unknown method is refused here, not in the first step
+        # An unknown method is refused here, not in the first step.
+        SparseSolver(method=linear_solver)
         pattern = block_pattern(mesh.cells, mesh.n_nodes)
         self.problem = Problem(flow, mesh, rule_for(mesh), pattern)
         self.scheme, self.newton_tolerance = scheme, newton_tolerance

@@ -200,9 +200,11 @@ class WillmoreFlow(AbstractFlow):
 
 def _check_resolution(H0, mesh, x):
     """Refuse a spontaneous curvature that the nodes cannot follow; traced values pass unchecked."""
-    if isinstance(H0, jax.core.Tracer) or isinstance(x, jax.core.Tracer):
+    size = area(mesh, x)
+    # Inside a compiled function the area is traced even where the nodes are not.
+    if isinstance(H0, jax.core.Tracer) or isinstance(size, jax.core.Tracer):
         return
-    spacing = math.sqrt(area(mesh, x) / mesh.n_nodes)
+    spacing = math.sqrt(size / mesh.n_nodes)
     if abs(H0) * spacing > 1:
         raise ValueError(
             f"`spontaneous_curvature` must be below {1 / spacing:.3g} in size on this mesh, the "

@@ -1,4 +1,4 @@
-"""Forces of the whole surface: exact constraints, and spheres on their ordinary differential equation."""
+"""Forces of the whole surface: exact constraints, and spheres on their exact radius law."""
 
 import jax.numpy as jnp
 import numpy as np

@@ -19,7 +19,9 @@ def inverse(H):
             MeanCurvatureFlow(inverse), 0.4, np.exp(0.4 / 2), marks=pytest.mark.slow
         ),  # R' = R/2
         pytest.param(
-            MeanCurvatureFlow(lambda H: H**2), 0.05, (1 - 12 * 0.05) ** (1 / 3),
+            MeanCurvatureFlow(lambda H: H**2),
+            0.05,
+            (1 - 12 * 0.05) ** (1 / 3),
             marks=pytest.mark.slow,
         ),  # R³ = 1 - 12t
     ],
