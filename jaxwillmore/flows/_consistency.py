@@ -1,5 +1,6 @@
 r"""The terms that keep $H_h$ and $\nu_h$ on the surface they belong to, and their weight."""
 
+import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
@@ -34,9 +35,19 @@ def consistency_weight(
     $R = 1$ at +172, while $|A|^4$ is 5 on the outside and 185 inside). Weighted locally, the flat
     parts follow too slowly: on tori that open quickly the energy then rises.
     """
-    return rate * (
-        jnp.full_like(curvature, jnp.max(curvature)) if weight == "global" else curvature
-    )
+    if weight == "local":
+        return rate * curvature
+    return rate * jnp.full_like(curvature, _smooth_maximum(curvature))
+
+
+def _smooth_maximum(a: Float[Array, " nodes"]) -> Float[Array, ""]:
+    """The mean of order 16: close to the maximum, and differentiable where several values tie.
+
+    Symmetric surfaces have many nodes of largest curvature, where the maximum has no derivative.
+    """
+    largest = jax.lax.stop_gradient(jnp.max(a))
+    safe = jnp.where(largest > 0, largest, 1.0)
+    return safe * jnp.mean((a / safe) ** 16) ** (1 / 16)
 
 
 def checked_weight(weight: str) -> str:

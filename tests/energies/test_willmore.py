@@ -10,7 +10,7 @@ import pytest
 from jaxwillmore.energies import Willmore, willmore_of_field
 from jaxwillmore.fem import integrate
 from jaxwillmore.mesh import dumbbell, ellipsoid, icosphere, red_cell, torus
-from jaxwillmore.surface import Ellipsoid
+from jaxwillmore.surface import Ellipsoid, area
 
 from ..helpers import observed_order, random_rotation, taylor_remainders
 
@@ -111,12 +111,12 @@ def test_spheres_are_critical():
     """Against ∫½H³V = 4∫V of the terms that cancel; the rest is the error of the mesh."""
     mesh, x = icosphere(2, 2)
     phi = x * (1 + x[:, :1] + x[:, 1:2] * x[:, 2:])
-    _, slope = jax.jvp(lambda x: Willmore()(mesh, x), (x,), (phi,))
+    slope = jax.jit(lambda x, phi: jax.jvp(lambda x: Willmore()(mesh, x), (x,), (phi,))[1])(x, phi)
     assert abs(slope) < 1e-3 * 4 * (4 * np.pi)
 
 
 def test_field_energy_of_a_constant_curvature():
     mesh, x = icosphere(1, 2)
     H = jnp.full(mesh.n_nodes, 2.0)
-    whole = integrate(mesh, x, lambda _, __: jnp.ones(()))
+    whole = area(mesh, x)
     np.testing.assert_allclose(willmore_of_field(mesh, x, H), 2 * whole, rtol=1e-13)

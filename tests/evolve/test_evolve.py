@@ -161,7 +161,7 @@ def test_a_sphere_stays():
     assert solution.stats["steps"] < 40  # nothing happens, so steps grow
 
 
-def mean_length_of_normals(consistency, defect, steps=40, dt=2e-4):
+def mean_length_of_normals(consistency, defect, steps=20, dt=2e-4):
     """Growth of the mean length of ν that starts as (1 + defect) ν, step by step."""
     lengths = []
 
@@ -207,7 +207,7 @@ def test_the_second_mode_of_a_sphere_decays_at_its_rate():
     def decay(amplitude):
         amplitudes.clear()
         x = SPHERE * (1 + amplitude * harmonic[:, None])
-        run(x, t1=0.02, dt0=5e-4, rtol=None, energy_tolerance=None, observer=watch)
+        run(x, t1=0.02, dt0=1e-3, rtol=None, energy_tolerance=None, observer=watch)
         return np.array(amplitudes).T
 
     (t, a), (_, b) = decay(1e-3), decay(-1e-3)
@@ -259,13 +259,14 @@ def test_fixed_steps_are_kept():
 
 
 def test_a_first_step_that_is_far_too_large_is_taken_back():
-    solution = run(X, t1=100.0, dt0=50.0, max_steps=3, throw=False)
+    solution = run(X, t1=100.0, dt0=50.0, max_steps=1, throw=False)
     assert solution.stats["rejected_steps"] >= 3
     assert solution.records[0]["rejected_steps"] == solution.stats["rejected_steps"]
     assert solution.records[0]["energy"] < FLOW.energy(MESH, X)
     np.testing.assert_allclose(volume(MESH, solution.state.x), volume(MESH, X), rtol=0.2)
 
 
+@pytest.mark.slow
 def test_the_error_follows_the_tolerance():
     """Ten times the tolerance, about ten times the error, against a much finer run."""
     fine = run(X, t1=0.02, initial=EXACT, rtol=1e-5)

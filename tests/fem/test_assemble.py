@@ -40,7 +40,7 @@ def integrand(point, trial, frozen, test, args):
     return scalar + vector
 
 
-@pytest.fixture(scope="module", params=[1, 2])
+@pytest.fixture(scope="module", params=[pytest.param(1, marks=pytest.mark.slow), 2])
 def case(request):
     mesh, x = icosphere(0, request.param)
     keys = jr.split(jr.key(0), 4)

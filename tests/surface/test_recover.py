@@ -70,9 +70,9 @@ def orders(degree, levels):
 
 # On the smooth image of a regular mesh normals gain half an order, from 1 and 3.
 def test_quadratic_ellipsoid_converges():
-    (normal, curvature), errors = orders(2, (1, 2, 3))
+    (normal, curvature), errors = orders(2, (2, 3))
     assert abs(normal - 3.5) < 0.15, errors
-    assert abs(curvature - 1.85) < 0.15, errors  # 2 from below
+    assert abs(curvature - 2.0) < 0.15, errors
 
 
 @pytest.mark.slow
