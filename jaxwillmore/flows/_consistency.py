@@ -29,7 +29,7 @@ def normal_consistency(nu: Jet, point: Point, alpha: Jet, chi: Jet) -> Float[Arr
 def consistency_weight(
     weight: str, rate: Float[Array, ""] | Float[Array, " nodes"], curvature: Float[Array, " nodes"]
 ) -> Float[Array, " nodes"]:
-    r"""$\alpha$ at the nodes: `rate` times the curvature power, or its largest value everywhere.
+    r"""$\alpha$ at the nodes: `rate` times the curvature power, or its power mean everywhere.
 
     The fields drift off the surface at rates of the largest curvature (on the Clifford torus with
     $R = 1$ at +172, while $|A|^4$ is 5 on the outside and 185 inside). Weighted locally, the flat

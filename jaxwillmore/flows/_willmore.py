@@ -100,7 +100,8 @@ class WillmoreFlow(AbstractFlow):
       $\kappa$: $b_b = \kappa/2$.
     - `spontaneous_curvature`: $H_0$, 1/length, for the sum of the principal curvatures.
     - `consistency`: $c$; 0 switches the consistency terms off, and below about 4 they are too weak.
-    - `consistency_weight`: `"global"`, or `"local"` for $\alpha = c\,2b_b\,|A_h|^4$ node by node.
+    - `consistency_weight`: `"global"` (the maximum as a power mean of order 16, which has
+      derivatives), or `"local"` for $\alpha = c\,2b_b\,|A_h|^4$ node by node.
     - `forcing`: a function `(t, x) -> scalar` of time and one point: a normal velocity $f$ added to
       the law (manufactured solutions, external fields). It is evaluated at the extrapolated nodes.
 
