@@ -149,14 +149,15 @@ class Stepper(eqx.Module):
         p = self.problem
         c = w.derivative
         x_hat = jnp.tensordot(w.hat, history.x, axes=1)
+        hat = jnp.tensordot(w.hat, history.U, axes=1)
         return StepData(
             t=t,
             c0=c[0],
             x_memory=jnp.tensordot(c[1:], history.x, axes=1),
             memory=jnp.tensordot(c[1:], history.U, axes=1),
             x_hat=x_hat,
-            hat=jnp.tensordot(w.hat, history.U, axes=1),
-            data=p.flow.nodal_data(p.mesh, t, history.x[0], self.fields(history.U[0]), x_hat),
+            hat=hat,
+            data=p.flow.nodal_data(p.mesh, t, x_hat, self.fields(hat)),
             length=jax.lax.stop_gradient(area_radius(p.mesh, history.x[0])),
         )
 

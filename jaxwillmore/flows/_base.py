@@ -76,11 +76,11 @@ class AbstractFlow(eqx.Module):
         t: Float[Array, ""],
         x: Float[Array, "nodes 3"],
         fields: dict[str, Array],
-        x_hat: Float[Array, "nodes 3"],
     ) -> Float[Array, "nodes data"]:
-        """The columns of `data` for the step to `t` from the old surface `x` with its `fields`.
+        """The columns of `data` for the step to `t`.
 
-        `x_hat` are the nodes extrapolated to `t`.
+        `x` and `fields` are extrapolated to `t`: with those of the old surface the step would be of
+        first order in time.
         """
 
     @abc.abstractmethod

@@ -124,8 +124,8 @@ class Loaded(AbstractFlow):
         force = length / self.flow.time_scale(length)
         return jnp.stack([force * length, force, force * length**2])
 
-    def nodal_data(self, mesh, t, x, fields, x_hat):
-        return self.flow.nodal_data(mesh, t, x, fields, x_hat)
+    def nodal_data(self, mesh, t, x, fields):
+        return self.flow.nodal_data(mesh, t, x, fields)
 
     def initial_fields(self, mesh, x, given):
         return self.flow.initial_fields(mesh, x, given)

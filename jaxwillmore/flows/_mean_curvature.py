@@ -106,7 +106,7 @@ class MeanCurvatureFlow(AbstractFlow):
     def global_scales(self, length):
         return jnp.zeros(0)
 
-    def nodal_data(self, mesh, t, x, fields, x_hat):
+    def nodal_data(self, mesh, t, x, fields):
         A2 = nodal_weingarten_squared(mesh, x, fields["nu"])
         slope = jax.vmap(jax.grad(self.speed))(fields["H"])
         alpha = consistency_weight("global", self.consistency, slope * A2)

@@ -73,7 +73,7 @@ class SurfaceDiffusion(AbstractFlow):
     def global_scales(self, length):
         return jnp.zeros(0)
 
-    def nodal_data(self, mesh, t, x, fields, x_hat):
+    def nodal_data(self, mesh, t, x, fields):
         A2 = nodal_weingarten_squared(mesh, x, fields["nu"])
         alpha = consistency_weight("global", self.consistency * self.mobility, A2**2)
         return jnp.stack([alpha, jnp.zeros(mesh.n_nodes)], axis=1)

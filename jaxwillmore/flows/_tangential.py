@@ -84,8 +84,8 @@ class MinimalDeformation(AbstractFlow):
     def global_scales(self, length):
         return self.flow.global_scales(length)
 
-    def nodal_data(self, mesh, t, x, fields, x_hat):
-        return self.flow.nodal_data(mesh, t, x, fields, x_hat)
+    def nodal_data(self, mesh, t, x, fields):
+        return self.flow.nodal_data(mesh, t, x, fields)
 
     def initial_fields(self, mesh, x, given):
         return self.flow.initial_fields(mesh, x, given)

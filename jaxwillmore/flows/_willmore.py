@@ -92,7 +92,7 @@ class WillmoreFlow(AbstractFlow):
     The plain system ties $H_h$, $\nu_h$ and $x_h$ only through the evolution and is linearly
     unstable off that manifold: on the unit sphere $|\nu_h| - 1$ grows at rate $+8$. Two consistency
     terms, `mean_curvature_consistency` and `normal_consistency`, weighted with
-    $\alpha = c\,2b_b\,\max|A_h|^4$ of the old step, cure it and vanish on the exact solution.
+    $\alpha = c\,2b_b\,\max|A_h|^4$ of the extrapolated surface, cure it and vanish on the exact solution.
 
     **Arguments:**
 
@@ -171,13 +171,13 @@ class WillmoreFlow(AbstractFlow):
     def global_scales(self, length):
         return jnp.zeros(0)
 
-    def nodal_data(self, mesh, t, x, fields, x_hat):
+    def nodal_data(self, mesh, t, x, fields):
         A2 = nodal_weingarten_squared(mesh, x, fields["nu"])
         rate = self.consistency * 2 * self.bending_modulus
         alpha = consistency_weight(self.consistency_weight, rate, A2**2)
         force = jnp.zeros(mesh.n_nodes)
         if self.forcing is not None:
-            force = jax.vmap(lambda p: self.forcing(t, p))(x_hat)
+            force = jax.vmap(lambda p: self.forcing(t, p))(x)
         return jnp.stack([alpha, force], axis=1)
 
     def initial_fields(self, mesh, x, given):

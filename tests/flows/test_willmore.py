@@ -271,7 +271,7 @@ def test_the_weight_of_the_consistency_terms():
     mesh, x = icosphere(0, 2)
     for c, b_b, R, expected in ((2.5, 0.5, 1.0, 10.0), (2.5, 1.0, 1.0, 20.0), (6.0, 0.5, 2.0, 1.5)):
         flow = WillmoreFlow(b_b, 0.0, c)
-        data = flow.nodal_data(mesh, jnp.asarray(0.0), R * x, {"nu": x}, R * x)
+        data = flow.nodal_data(mesh, jnp.asarray(0.0), R * x, {"nu": x})
         np.testing.assert_allclose(data[:, 0], expected, rtol=1e-12)
         np.testing.assert_array_equal(data[:, 1], 0.0)
 
@@ -280,7 +280,7 @@ def test_the_weight_is_the_power_mean_of_order_16_everywhere_unless_local():
     mesh, x = ellipsoid(AXES, 0, 2)
     nu = SURFACE.normal(x)
     everywhere, local = (
-        WillmoreFlow(consistency_weight=kind).nodal_data(mesh, jnp.asarray(0.0), x, {"nu": nu}, x)
+        WillmoreFlow(consistency_weight=kind).nodal_data(mesh, jnp.asarray(0.0), x, {"nu": nu})
         for kind in ("global", "local")
     )
     mean = float(jnp.mean(local[:, 0] ** 16) ** (1 / 16))
@@ -292,7 +292,7 @@ def test_the_weight_is_the_power_mean_of_order_16_everywhere_unless_local():
 def test_a_forcing_is_evaluated_at_the_extrapolated_nodes_and_the_new_time():
     mesh, x = icosphere(0, 1)
     flow = WillmoreFlow(forcing=lambda t, p: t * p[2])
-    data = flow.nodal_data(mesh, jnp.asarray(3.0), x, {"nu": x}, 2 * x)
+    data = flow.nodal_data(mesh, jnp.asarray(3.0), 2 * x, {"nu": x})
     np.testing.assert_allclose(data[:, 1], 6 * x[:, 2], rtol=1e-14)
 
 
