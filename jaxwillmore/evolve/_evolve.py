@@ -102,13 +102,14 @@ def evolve(
         flow, mesh, scheme=scheme, newton_tolerance=newton_tolerance, linear_solver=linear_solver
     )
     time_scale = float(flow.time_scale(area_radius(mesh, x0)))
-    if dt0 is None:
-        dt0 = min(1e-5 * time_scale, t1 - t0)
+    usual = min(1e-5 * time_scale, t1 - t0)
+    dt0 = usual if dt0 is None else dt0
     loop = Loop(
         stepper,
         controller=Controller(
             rtol=math.inf if rtol is None else rtol,
             growth=growth_limit(bdf_order),
+            smallest=1e-6 * min(dt0, usual),
             energy_tolerance=math.inf if energy_tolerance is None else energy_tolerance,
         ),
         schedule=graded_times(t0, t1, dt0, bdf_order, time_scale) if rtol is None else None,

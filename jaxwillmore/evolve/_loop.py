@@ -76,7 +76,6 @@ class Loop:
         self.times.append(t0)
         energy = float(flow.energy(mesh, x0))
         self._scale, self._least = 0.1 * abs(energy), energy
-        smallest = self.controller.smallest * dt
         t, rejections, result = t0, 0, None
         self._save([state])
         while result is None:
@@ -93,11 +92,12 @@ class Loop:
                 rejections += 1
                 self.stats["rejected_steps"] += 1
                 dt *= factor
-                if self.schedule is not None or dt < smallest:
+                if self.schedule is not None or dt < self.controller.smallest:
                     result = reason
                 continue
             history = history.push(jnp.asarray(t_new), attempt.x, attempt.U, attempt.multipliers)
             self.times.append(t_new)
+            rise = (record["energy"] - energy) / self._reference(energy)
             t, energy = t_new, record["energy"]
             self._least = min(self._least, energy)
             state = State(t, attempt.x, self.stepper.fields(attempt.U))
@@ -105,7 +105,7 @@ class Loop:
             self._save(self.saver.passed(history, len(self.times)))
             rejections = 0
             dt = self.controller.after_acceptance(
-                dt, float(attempt.error), self.order, int(attempt.newton_iterations)
+                dt, float(attempt.error), self.order, int(attempt.newton_iterations), rise
             )
             if self._is_stationary(record):
                 result = RESULTS.stationary
@@ -161,13 +161,16 @@ class Loop:
             return RESULTS.step_too_small, 0.25
         if record["alignment"] <= 0:
             return RESULTS.element_inverted, 0.5
-        scale = max(abs(energy), self._scale)
-        rise = self.controller.energy_tolerance * scale
+        rise = self.controller.energy_tolerance * self._reference(energy)
         if record["energy"] > energy + rise or record["energy"] > self._least + CREEP * rise:
             return RESULTS.energy_rising, 0.5
         if self.schedule is None and float(attempt.error) > self.controller.rtol:
             return RESULTS.step_too_small, 0.5
         return None, 1.0
+
+    def _reference(self, energy: float) -> float:
+        """What a change of the energy is relative to."""
+        return max(abs(energy), self._scale)
 
     def _count(self, attempt: Attempt) -> None:
         for name in ("newton_iterations", "jacobians", "linear_iterations"):
