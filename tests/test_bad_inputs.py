@@ -22,7 +22,7 @@ from jaxwillmore.flows import Loaded, WillmoreFlow
 from jaxwillmore.io import SurfaceWarning, read_surface
 from jaxwillmore.mesh import SurfaceError, check_surface, dumbbell, icosphere, torus
 
-from .io.surfaces import ball, obj_text, off_text, ply_bytes, ply_text, stl_bytes
+from .io.surfaces import ball, obj_text, off_text, ply_bytes, ply_text
 
 V, F = ball(1)
 N = len(V)

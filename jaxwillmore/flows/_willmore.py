@@ -92,7 +92,8 @@ class WillmoreFlow(AbstractFlow):
     The plain system ties $H_h$, $\nu_h$ and $x_h$ only through the evolution and is linearly
     unstable off that manifold: on the unit sphere $|\nu_h| - 1$ grows at rate $+8$. Two consistency
     terms, `mean_curvature_consistency` and `normal_consistency`, weighted with
-    $\alpha = c\,2b_b\,\max|A_h|^4$ of the extrapolated surface, cure it and vanish on the exact solution.
+    $\alpha = c\,2b_b\,\max|A_h|^4$ of the extrapolated surface, cure it and vanish on the exact
+    solution.
 
     **Arguments:**
 
