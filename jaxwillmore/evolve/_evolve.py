@@ -20,6 +20,7 @@ from ._checks import (
 )
 from ._interrupt import catch_interrupts
 from ._loop import Loop
+from ._progress import TextProgressMeter, progress_text
 from ._save import Saver, save_times
 from ._solution import Solution, State, message, name_of
 from ._stepper import Stepper
@@ -46,6 +47,7 @@ def evolve(
     energy_tolerance: float | None = 1e-5,
     newton_tolerance: float = 1e-8,
     linear_solver: str = "krylov",
+    progress_meter: TextProgressMeter | None = None,
 ) -> Solution:
     r"""Run a flow from `t0` to `t1` with implicit steps of variable size.
 
@@ -73,6 +75,10 @@ def evolve(
     - `on_save`: called with every saved state as soon as it exists.
     - `energy_tolerance`: relative rise of the energy per step that rejects it; `None` accepts any
       (needed with a `forcing` that does work).
+    - `newton_tolerance`: error of the unknowns of a step, relative to their typical size.
+    - `linear_solver`: `"krylov"` (falls back to LU where it stalls), `"direct"`, or `"pardiso"`
+      with the extra `fast`.
+    - `progress_meter`: a `TextProgressMeter` that shows the last step; `None` is silent.
 
     **Returns:**
 
@@ -117,15 +123,32 @@ def evolve(
         stationary_tolerance=stationary_tolerance,
         max_steps=max_steps,
         saver=Saver(stepper, times, bdf_order),
-        observer=observer,
+        observer=_observers(observer, progress_meter, t1),
         on_save=on_save,
     )
     fields = flow.initial_fields(mesh, x0, given)
+    if progress_meter is not None:
+        progress_meter.show("preparing the first step (it compiles, which takes a while) ...")
     with catch_interrupts() as interrupted:
         solution = loop.run(x0, fields, t0, t1, dt0, interrupted)
+    if progress_meter is not None:
+        progress_meter.close()
     if throw and not solution.succeeded:
         raise RuntimeError(
             f"The run stopped at t = {solution.state.t:.6g} of {t1:.6g} "
             f"({name_of(solution.result)}): {message(solution.result)}"
         )
     return solution
+
+
+def _observers(observer, meter: TextProgressMeter | None, t1: float):
+    """One function for the user's observer and the progress meter."""
+    if meter is None:
+        return observer
+
+    def both(record, state):
+        meter.update(progress_text(record, t1))
+        if observer is not None:
+            observer(record, state)
+
+    return both
