@@ -26,12 +26,14 @@ class Trajectory(eqx.Module):
     - `times`: the schedule.
     - `x`: nodes at every time, the initial ones first.
     - `fields`: nodal fields by name at every time but the first.
+    - `multipliers`: global unknowns of the flow (tension, pressure, ...) by name, likewise.
     - `converged`: whether every implicit step converged.
     """
 
     times: Float[Array, " times"]
     x: Float[Array, "times nodes 3"]
     fields: dict[str, Array]
+    multipliers: dict[str, Float[Array, " steps"]]
     converged: Array
 
 
@@ -119,13 +121,17 @@ def replay(
         w, t = inputs
         attempt = stepper(history, w, t)
         new = history.push(t, attempt.x, attempt.U, attempt.multipliers)
-        return new, (attempt.x, attempt.U, attempt.result == optx.RESULTS.successful)
+        converged = attempt.result == optx.RESULTS.successful
+        return new, (attempt.x, attempt.U, attempt.multipliers, converged)
 
     if checkpoint:
         step = jax.checkpoint(step)  # pyright: ignore[reportPrivateImportUsage]
     schedule = _all_weights(times, depth, bdf_order), times[1:]
-    _, (x, U, converged) = jax.lax.scan(step, history, schedule)
-    fields = flow.layout.split(U, axis=2)
+    _, (x, U, multipliers, converged) = jax.lax.scan(step, history, schedule)
     return Trajectory(
-        times, jnp.concatenate([jnp.asarray(x0)[None], x]), fields, jnp.all(converged)
+        times,
+        jnp.concatenate([jnp.asarray(x0)[None], x]),
+        flow.layout.split(U, axis=2),
+        {name: multipliers[:, k] for k, name in enumerate(flow.global_names)},
+        jnp.all(converged),
     )

@@ -56,6 +56,6 @@ def test_modes_of_the_sphere_decay_at_their_rates(mode, allowed):
 
 def test_growth_of_the_normal_off_the_consistent_manifold():
     """Exactly +8 on the unit sphere without the consistency terms: all signs of (10a)–(10d)."""
-    mesh, x = icosphere(1, 3)
+    mesh, x = icosphere(1, 4)
     assert abs(normal_growth_rate(mesh, x, 0.0) - 8) < 0.1
     assert normal_growth_rate(mesh, x, 2.5) < 0.05

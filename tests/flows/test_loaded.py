@@ -32,6 +32,19 @@ def test_area_and_volume_are_held_to_rounding(ellipsoid):
 
 
 @pytest.mark.slow
+def test_a_replay_has_the_multipliers_of_the_run(ellipsoid):
+    mesh, x = ellipsoid
+    A0, V0 = jw.surface.area(mesh, x), jw.surface.volume(mesh, x)
+    flow = Loaded(WillmoreFlow(), fixed_area=A0, fixed_volume=V0)
+    run = jw.evolve.evolve(flow, mesh, x, t1=1.0, max_steps=3, throw=False)
+    again = jw.evolve.replay(flow, mesh, x, jnp.asarray(run.times))
+    assert set(again.multipliers) == {"tension", "pressure", "curvature_multiplier"}
+    for name in ("tension", "pressure"):
+        expected = [record[name] for record in run.records]
+        np.testing.assert_allclose(again.multipliers[name], expected, rtol=1e-5)
+
+
+@pytest.mark.slow
 def test_prescribed_volume_follows_its_function_of_time(ellipsoid):
     mesh, x = ellipsoid
     V0 = jw.surface.volume(mesh, x)
