@@ -10,24 +10,34 @@ from ..surface import weingarten
 from ._base import AbstractFlow
 
 
+def composed_velocity(V: Jet, nu: Jet, w: Jet) -> Jet:
+    r"""$v = V\nu + w$, with the gradient $\nu\otimes\nabla V + V\nabla\nu + \nabla w$."""
+    gradient = jnp.outer(nu.value, V.grad) + V.value * nu.grad + w.grad
+    return Jet(V.value * nu.value + w.value, gradient)
+
+
 def deformation_equation(v: Jet, kappa: Jet, nu: Jet, eta: Jet) -> Float[Array, ""]:
     r"""$(\nabla v, \nabla\eta) + (\kappa\nu, \eta) = 0$: least $\int|\nabla v|^2$."""
     return inner(v.grad, eta.grad) + kappa.value * inner(nu.value, eta.value)
 
 
-def normal_component_equation(v: Jet, V: Jet, nu: Jet, xi: Jet) -> Float[Array, ""]:
-    r"""$(v\cdot\nu, \xi) = (V, \xi)$: the constraint of that minimisation."""
-    return (inner(v.value, nu.value) - V.value) * xi.value
+def tangency_equation(w: Jet, nu: Jet, xi: Jet) -> Float[Array, ""]:
+    r"""$(w\cdot\nu, \xi) = 0$: the constraint $(v\cdot\nu, \xi) = (V, \xi)$ of the minimisation."""
+    return inner(w.value, nu.value) * xi.value
 
 
 class MinimalDeformation(AbstractFlow):
     r"""A flow whose nodes move with the velocity of minimal deformation rate.
 
     Among all velocities with the normal component $V$ of the flow, $v$ minimises
-    $\tfrac12\int|\nabla_\Gamma v|^2$; $v$ and the multiplier $\kappa$ are unknowns of the same
-    implicit system. The shape is that of the plain flow, the triangles stay nearly equal. With
-    tangential motion the laws carry the transport terms
+    $\tfrac12\int|\nabla_\Gamma v|^2$; the shape is that of the plain flow, the triangles stay
+    nearly equal. With tangential motion the laws carry the transport terms
     $\partial^\bullet H = \dots + v\cdot\nabla H$ and $\partial^\bullet\nu = \dots + Av$.
+
+    The tangential part $w$ in $v = V\nu + w$ and the multiplier $\kappa$ are unknowns of the same
+    implicit system. With $v$ itself as unknown the positions would not follow from $V$ any more,
+    and the blocks of the plain flow, which precondition the linear solves, would lose that
+    dependence.
 
     **Arguments:**
 
@@ -45,7 +55,7 @@ class MinimalDeformation(AbstractFlow):
     @property
     def layout(self) -> Layout:
         base = self.flow.layout
-        return Layout((*base.names, "v", "kappa"), (*base.sizes, 3, 1))
+        return Layout((*base.names, "w", "kappa"), (*base.sizes, 3, 1))
 
     @property
     def evolving(self):
@@ -57,26 +67,28 @@ class MinimalDeformation(AbstractFlow):
 
     @property
     def stages(self):
-        return (*self.flow.stages, ("v", "kappa"))
+        return (*self.flow.stages, ("w", "kappa"))
 
     @property
     def global_names(self):
         return self.flow.global_names
 
     def equation(self, name, point, rate, hat, trial, data, chi):
-        if name == "v":
-            return deformation_equation(trial.v, trial.kappa, hat.nu, chi)
+        if name == "w":
+            v = composed_velocity(trial.V, trial.nu, trial.w)
+            return deformation_equation(v, trial.kappa, hat.nu, chi)
         if name == "kappa":
-            return normal_component_equation(trial.v, trial.V, hat.nu, chi)
+            return tangency_equation(trial.w, hat.nu, chi)
         base = self.flow.equation(name, point, rate, hat, trial, data, chi)
+        v = composed_velocity(hat.V, hat.nu, hat.w).value
         if name == "H":
-            return base - inner(hat.v.value, hat.H.grad) * chi.value
+            return base - inner(v, hat.H.grad) * chi.value
         if name == "nu":
-            return base - inner(weingarten(hat.nu) @ hat.v.value, chi.value)
+            return base - inner(weingarten(hat.nu) @ v, chi.value)
         return base
 
     def velocity(self, nodal: SimpleNamespace):
-        return nodal.v
+        return nodal.V * nodal.nu + nodal.w
 
     def closures(self, mesh, t, x, fields, multipliers):
         return self.flow.closures(mesh, t, x, fields, multipliers)
