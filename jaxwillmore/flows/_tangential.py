@@ -33,6 +33,8 @@ class MinimalDeformation(AbstractFlow):
 
     - `flow`: a flow with the unknowns $H$, $V$, $\nu$.
 
+    **Raises:** `ValueError` for a flow with parameters on the nodes (`HelfrichFlow` with fields).
+
     *Limits:* material fields (phases, moduli) would have to be transported too; move them with the
     plain flow.
 
@@ -41,6 +43,14 @@ class MinimalDeformation(AbstractFlow):
     """
 
     flow: AbstractFlow
+
+    def __check_init__(self):
+        if self.flow.carried:
+            names = ", ".join(f"`{name}`" for name in self.flow.carried)
+            raise ValueError(
+                f"`MinimalDeformation` moves nodes along the surface, and {names} would move with "
+                "them. Give numbers instead of fields, or run the flow without it."
+            )
 
     @property
     def layout(self) -> Layout:
