@@ -44,13 +44,14 @@ class MinimalDeformation(AbstractFlow):
 
     flow: AbstractFlow
 
-    def __check_init__(self):
-        if self.flow.carried:
-            names = ", ".join(f"`{name}`" for name in self.flow.carried)
+    def __init__(self, flow: AbstractFlow):
+        if flow.carried:
+            names = ", ".join(f"`{name}`" for name in flow.carried)
             raise ValueError(
                 f"`MinimalDeformation` moves nodes along the surface, and {names} would move with "
                 "them. Give numbers instead of fields, or run the flow without it."
             )
+        self.flow = flow
 
     @property
     def layout(self) -> Layout:
