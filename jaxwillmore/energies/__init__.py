@@ -2,6 +2,11 @@
 
 from ._base import AbstractEnergy as AbstractEnergy, terms_of as terms_of
 from ._canham_helfrich import CanhamHelfrich as CanhamHelfrich
+from ._density import (
+    Density as Density,
+    ExternalPotential as ExternalPotential,
+    SurfacePoint as SurfacePoint,
+)
 from ._global import (
     AbstractGlobalEnergy as AbstractGlobalEnergy,
     AreaDifference as AreaDifference,
@@ -11,9 +16,13 @@ from ._global import (
     SurfaceTension as SurfaceTension,
     VolumePenalty as VolumePenalty,
 )
+from ._mem3dg import from_mem3dg as from_mem3dg
 from ._parameters import (
     finite as finite,
+    finite_field as finite_field,
     non_negative as non_negative,
+    on_nodes as on_nodes,
     positive as positive,
+    positive_field as positive_field,
 )
 from ._willmore import Willmore as Willmore, willmore_of_field as willmore_of_field

@@ -53,4 +53,5 @@ class Combination(AbstractEnergy):
 
     def __call__(self, mesh, x):
         values = [term(mesh, x) for term in self.terms]
-        return sum(f * value for f, value in zip(self.factors, values, strict=True))
+        parts = (f * value for f, value in zip(self.factors, values, strict=True))
+        return sum(parts, start=jnp.zeros(()))

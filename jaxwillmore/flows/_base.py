@@ -2,6 +2,7 @@
 
 import abc
 from types import SimpleNamespace
+from typing import ClassVar
 
 import equinox as eqx
 from jaxtyping import Array, Float
@@ -28,6 +29,8 @@ class AbstractFlow(eqx.Module):
     global_names: eqx.AbstractVar[tuple[str, ...]]
     # Groups of unknowns that decouple when the coefficients are frozen, in order of solution.
     stages: eqx.AbstractVar[tuple[tuple[str, ...], ...]]
+    # Parameters that sit on the nodes and move with them: right where nodes move with Vν only.
+    carried: ClassVar[tuple[str, ...]] = ()
 
     @abc.abstractmethod
     def equation(

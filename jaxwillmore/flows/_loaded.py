@@ -1,21 +1,23 @@
-"""Tension, pressure, osmosis and exact constraints on top of a flow."""
+"""Tension, pressure, osmosis, external potentials and exact constraints on top of a flow."""
 
 from collections.abc import Callable
 from types import SimpleNamespace
+from typing import TypeGuard
 
 import equinox as eqx
 import jax
 import jax.numpy as jnp
+from jax.core import Tracer
 from jaxtyping import Array, Float
 
-from ..energies import AbstractEnergy, AbstractGlobalEnergy, terms_of
+from ..energies import AbstractEnergy, AbstractGlobalEnergy, ExternalPotential, terms_of
 from ..fem import Jet, inner, integrate, trace
 from ..surface import area, volume, weingarten
 from ._base import AbstractFlow
 
 
 class Loaded(AbstractFlow):
-    r"""A flow with forces that depend on the surface as a whole, or hold its area and volume.
+    r"""A flow with forces from outside, of the surface as a whole, or to hold area and volume.
 
     The law becomes $V = \dots - \sigma H + P - 2 m K$ with the tension $\sigma$, the pressure $P$
     (inside minus outside; positive inflates) and the curvature multiplier $m$ of $\int H$. All
@@ -25,43 +27,44 @@ class Loaded(AbstractFlow):
     $$ \sigma = \partial_A f, \qquad P = -\partial_V f, \qquad m = \partial_M f; $$
 
     where area or volume are prescribed, $\sigma$ or $P$ is the Lagrange multiplier instead, and the
-    prescribed value holds to rounding at every step.
+    prescribed value holds to rounding at every step. A potential $\phi$ in space adds
+    $-(\phi H + \partial_\nu\phi)$.
 
     **Arguments:**
 
-    - `flow`: the flow of the local energy.
-    - `energy`: a global energy (`SurfaceTension`, `OsmoticPressure`, ...), a sum of them, or
-      `None`.
+    - `flow`: the flow of the bending energy.
+    - `energy`: a global energy (`SurfaceTension`, `OsmoticPressure`, ...), an `ExternalPotential`,
+      a sum of them, or `None`.
     - `fixed_area`: the area, or a function of time; `None` leaves it free.
     - `fixed_volume`: the enclosed volume, or a function of time; `None` leaves it free.
 
-    **Raises:** `ValueError` for an energy that is not global, for a prescribed area or volume that
-    is not positive, or for a pair that no surface has (reduced volume above 1).
+    **Raises:** `ValueError` for an energy that is none of these, for a prescribed area or volume
+    that is not positive, or for a pair that no surface has (reduced volume above 1).
     """
 
     flow: AbstractFlow
-    global_energy: AbstractEnergy | None
+    load_energy: AbstractEnergy | None
     fixed_area: Float[Array, ""] | Callable | None
     fixed_volume: Float[Array, ""] | Callable | None
 
     def __init__(self, flow, energy=None, *, fixed_area=None, fixed_volume=None):
         for _, term in [] if energy is None else terms_of(energy):
-            if not isinstance(term, AbstractGlobalEnergy):
+            if not isinstance(term, AbstractGlobalEnergy | ExternalPotential):
                 raise ValueError(
-                    f"`energy` must be a sum of global energies; {type(term).__name__} is local "
-                    "and belongs into the flow."
+                    "`energy` must be a sum of global energies and external potentials; "
+                    f"{type(term).__name__} is local and belongs into the flow."
                 )
-        self.flow, self.global_energy = flow, energy
+        self.flow, self.load_energy = flow, energy
         self.fixed_area = _target("fixed_area", fixed_area)
         self.fixed_volume = _target("fixed_volume", fixed_volume)
-        targets = (self.fixed_area, self.fixed_volume)
-        if all(eqx.is_array(a) and not isinstance(a, jax.core.Tracer) for a in targets):
-            v = 6 * jnp.sqrt(jnp.pi) * self.fixed_volume / self.fixed_area**1.5
+        A, V = self.fixed_area, self.fixed_volume
+        if _is_known(A) and _is_known(V):
+            v = 6 * jnp.sqrt(jnp.pi) * V / A**1.5
             if v > 1:
                 raise ValueError(
-                    f"No surface of area {float(self.fixed_area):.6g} encloses the volume "
-                    f"{float(self.fixed_volume):.6g}: the reduced volume would be {float(v):.6g}, "
-                    "and 1 (the sphere) is the largest possible."
+                    f"No surface of area {float(A):.6g} encloses the volume {float(V):.6g}: the "
+                    f"reduced volume would be {float(v):.6g}, and 1 (the sphere) is the largest "
+                    "possible."
                 )
 
     @property
@@ -81,6 +84,10 @@ class Loaded(AbstractFlow):
         return self.flow.stages
 
     @property
+    def carried(self):
+        return self.flow.carried
+
+    @property
     def global_names(self) -> tuple[str, ...]:
         return ("tension", "pressure", "curvature_multiplier")
 
@@ -88,10 +95,21 @@ class Loaded(AbstractFlow):
         sigma, P, m = data.multipliers
         A, H = weingarten(hat.nu), hat.H.value
         twice_K = trace(A) ** 2 - inner(A, A)
-        load = -sigma * H + P - m * twice_K
+        load = -sigma * H + P - m * twice_K + self._external_force(point.position, hat)
         force = Jet(data.force.value + load, data.force.grad)
         loaded = SimpleNamespace(**{**vars(data), "force": force})
         return self.flow.equation(name, point, rate, hat, trial, loaded, chi)
+
+    def _terms(self):
+        return [] if self.load_energy is None else terms_of(self.load_energy)
+
+    def _external_force(self, position, hat):
+        force = jnp.zeros(())
+        for factor, term in self._terms():
+            if isinstance(term, ExternalPotential):
+                phi, slope = jax.value_and_grad(term.potential)(position)
+                force -= factor * (phi * hat.H.value + inner(slope, hat.nu.value))
+        return force
 
     def velocity(self, nodal):
         return self.flow.velocity(nodal)
@@ -102,9 +120,7 @@ class Loaded(AbstractFlow):
         length = jnp.sqrt(A / (4 * jnp.pi))
         scales = jax.lax.stop_gradient(self.global_scales(length))
         M = integrate(mesh, x, lambda _, f: f.H.value, {"H": fields["H"]})
-        slopes = 3 * (jnp.zeros(()),)
-        if self.global_energy is not None:
-            slopes = jax.grad(self._potential, argnums=(0, 1, 2))(A, V, M)
+        slopes = jax.grad(self._global_energy, argnums=(0, 1, 2))(A, V, M)
         rows = [
             (sigma - slopes[0]) / scales[0],
             (P + slopes[1]) / scales[1],
@@ -116,9 +132,12 @@ class Loaded(AbstractFlow):
             rows[1] = V / _at(self.fixed_volume, t) - 1
         return jnp.stack(rows)
 
-    def _potential(self, A, V, M):
-        parts = terms_of(self.global_energy)
-        return sum(factor * term.of(A, V, M) for factor, term in parts)
+    def _global_energy(self, A, V, M):
+        total = jnp.zeros(())
+        for factor, term in self._terms():
+            if isinstance(term, AbstractGlobalEnergy):
+                total += factor * term.of(A, V, M)
+        return total
 
     def global_scales(self, length):
         force = length / self.flow.time_scale(length)
@@ -132,7 +151,7 @@ class Loaded(AbstractFlow):
 
     def energy(self, mesh, x):
         total = self.flow.energy(mesh, x)
-        return total if self.global_energy is None else total + self.global_energy(mesh, x)
+        return total if self.load_energy is None else total + self.load_energy(mesh, x)
 
     def scales(self, length):
         return self.flow.scales(length)
@@ -145,9 +164,13 @@ def _target(name: str, value):
     if value is None or callable(value):
         return value
     value = jnp.asarray(value, float)
-    if not isinstance(value, jax.core.Tracer) and not (jnp.isfinite(value) and value > 0):
+    if not isinstance(value, Tracer) and not (jnp.isfinite(value) and value > 0):
         raise ValueError(f"`{name}` must be positive; got {float(value)}.")
     return value
+
+
+def _is_known(target) -> TypeGuard[Array]:
+    return eqx.is_array(target) and not isinstance(target, Tracer)
 
 
 def _at(target, t):

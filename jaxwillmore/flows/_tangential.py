@@ -43,6 +43,8 @@ class MinimalDeformation(AbstractFlow):
 
     - `flow`: a flow with the unknowns $H$, $V$, $\nu$.
 
+    **Raises:** `ValueError` for a flow with parameters on the nodes (`HelfrichFlow` with fields).
+
     *Limits:* material fields (phases, moduli) would have to be transported too; move them with the
     plain flow.
 
@@ -51,6 +53,15 @@ class MinimalDeformation(AbstractFlow):
     """
 
     flow: AbstractFlow
+
+    def __init__(self, flow: AbstractFlow):
+        if flow.carried:
+            names = ", ".join(f"`{name}`" for name in flow.carried)
+            raise ValueError(
+                f"`MinimalDeformation` moves nodes along the surface, and {names} would move with "
+                "them. Give numbers instead of fields, or run the flow without it."
+            )
+        self.flow = flow
 
     @property
     def layout(self) -> Layout:

@@ -18,6 +18,7 @@ from typing import ClassVar
 import equinox as eqx
 import jax
 import jax.numpy as jnp
+from jax.core import Tracer
 from jaxtyping import Array, Float
 
 from ..energies import CanhamHelfrich, finite, non_negative, positive
@@ -177,12 +178,13 @@ class WillmoreFlow(AbstractFlow):
         rate = self.consistency * 2 * self.bending_modulus
         alpha = consistency_weight(self.consistency_weight, rate, A2**2)
         force = jnp.zeros(mesh.n_nodes)
-        if self.forcing is not None:
-            force = jax.vmap(lambda p: self.forcing(t, p))(x)
+        forcing = self.forcing
+        if forcing is not None:
+            force = jax.vmap(lambda p: forcing(t, p))(x)
         return jnp.stack([alpha, force], axis=1)
 
     def initial_fields(self, mesh, x, given):
-        _check_resolution(self.spontaneous_curvature, mesh, x)
+        check_resolution(self.spontaneous_curvature, mesh, x)
         nu = given["nu"] if "nu" in given else recover_normal(mesh, x)
         H = given["H"] if "H" in given else recover_mean_curvature(mesh, x)
         return {"H": H, "nu": nu}
@@ -200,11 +202,11 @@ class WillmoreFlow(AbstractFlow):
         return length**4 / (2 * self.bending_modulus)
 
 
-def _check_resolution(H0, mesh, x):
+def check_resolution(H0, mesh, x):
     """Refuse a spontaneous curvature that the nodes cannot follow; traced values pass unchecked."""
     size = area(mesh, x)
     # Inside a compiled function the area is traced even where the nodes are not.
-    if isinstance(H0, jax.core.Tracer) or isinstance(size, jax.core.Tracer):
+    if isinstance(H0, Tracer) or isinstance(size, Tracer):
         return
     spacing = math.sqrt(size / mesh.n_nodes)
     if abs(H0) * spacing > 1:

@@ -6,6 +6,10 @@ from ._curvature import (
     principal_curvatures as principal_curvatures,
     weingarten as weingarten,
 )
+from ._gaussian import (
+    gaussian_curvature_load as gaussian_curvature_load,
+    recover_gaussian_curvature as recover_gaussian_curvature,
+)
 from ._level_set import (
     AbstractLevelSet as AbstractLevelSet,
     BeadsTorus as BeadsTorus,

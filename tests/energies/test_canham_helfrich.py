@@ -64,6 +64,70 @@ def test_derivatives_by_parameters():
     np.testing.assert_allclose(found.spontaneous_curvature, expected, rtol=3e-3)  # 162 nodes
 
 
+# Parameters on the nodes.
+
+
+def test_equal_numbers_on_all_nodes_are_that_number():
+    mesh, x = icosphere(1, 2)
+    x = x * jnp.array([[1.0, 1.2, 1.5]])
+    one = jnp.ones(mesh.n_nodes)
+    numbers = value(CanhamHelfrich(0.8, 0.3, 0.9), mesh, x)
+    np.testing.assert_allclose(
+        value(CanhamHelfrich(0.8 * one, 0.3 * one, 0.9 * one), mesh, x), numbers, rtol=1e-13
+    )
+    np.testing.assert_allclose(
+        value(CanhamHelfrich(0.8, 0.3 * one, 0.9), mesh, x), numbers, rtol=1e-13
+    )
+
+
+def test_fields_on_a_sphere_have_a_closed_form():
+    """b_b = 1 + z/2, H₀ = 1 + z, b_k = z²: ∫(1 + z/2)(1 − z)² = 4π(1 + ⅓ − ⅓) and ∫z² = 4π/3."""
+    mesh, x = icosphere(1, 2)
+    z = x[:, 2]
+    found = value(CanhamHelfrich(1 + z / 2, z**2, 1 + z), mesh, x)
+    # 162 nodes; the error is relative to ∫b_b H² = 16π, of which most cancels.
+    np.testing.assert_allclose(found, 4 * np.pi * (1 + 1 / 3), atol=4e-3 * 16 * np.pi)
+
+
+def test_the_slope_by_a_nodal_field_is_the_density_tested_with_the_basis():
+    """dE/db_b(δ) = ∫δ(H − H₀)² and dE/db_k(δ) = ∫δK; E is linear in both."""
+    mesh, x = icosphere(1, 2)
+    one, delta = jnp.ones(mesh.n_nodes), 1 + x[:, 0] * x[:, 1]
+    energy = CanhamHelfrich(0.6 * one, 0.2 * one, 0.9 * one)
+    slope = eqx.filter_jit(eqx.filter_grad(lambda energy: energy(mesh, x)))(energy)
+    for change, name in (
+        (CanhamHelfrich(delta, 0.0, 0.9), "bending_modulus"),
+        (CanhamHelfrich(0.6, delta, 0.9), "gaussian_modulus"),
+    ):
+        rest = value(CanhamHelfrich(0.6, 0.0, 0.9), mesh, x) if name[0] == "g" else 0.0
+        found = jnp.vdot(getattr(slope, name), delta)
+        np.testing.assert_allclose(found, value(change, mesh, x) - rest, rtol=1e-11)
+
+
+def test_physicists_write_half_of_kappa():
+    mesh, x = icosphere(1, 2)
+    kappa = 2.0 + x[:, 0]
+    same = CanhamHelfrich(kappa / 2, 0.1, 0.7), CanhamHelfrich.from_kappa(kappa, 0.1, 0.7)
+    np.testing.assert_array_equal(*(value(energy, mesh, x) for energy in same))
+    with pytest.raises(ValueError, match="`kappa` must be positive; got -1"):
+        CanhamHelfrich.from_kappa(-1.0)
+
+
+@pytest.mark.parametrize("name", ["bending_modulus", "gaussian_modulus", "spontaneous_curvature"])
+def test_a_field_of_another_length_is_named(name):
+    mesh, x = icosphere(0, 2)
+    energy = CanhamHelfrich(**{name: np.ones(7)})
+    with pytest.raises(ValueError, match=f"`{name}` must be one number, or one for each of the 42"):
+        value(energy, mesh, x)
+
+
+def test_the_node_of_a_bad_number_is_named():
+    with pytest.raises(ValueError, match="`bending_modulus` must be positive; got -2.0 at node 1"):
+        CanhamHelfrich([1.0, -2.0])
+    with pytest.raises(ValueError, match="`gaussian_modulus` must be finite; got inf at node 0"):
+        CanhamHelfrich(1.0, [np.inf, 1.0])
+
+
 @pytest.mark.slow
 def test_derivatives_by_parameters_and_nodes():
     mesh, x = icosphere(1, 2)
@@ -90,8 +154,9 @@ def test_derivatives_by_parameters_and_nodes():
         ({"bending_modulus": -1.0}, "bending_modulus"),
         ({"bending_modulus": float("nan")}, "bending_modulus"),
         ({"bending_modulus": "stiff"}, "bending_modulus"),
-        ({"bending_modulus": [0.5]}, "bending_modulus"),
-        ({"gaussian_modulus": np.ones(3)}, "gaussian_modulus"),
+        ({"bending_modulus": [0.5, -1.0]}, "bending_modulus"),
+        ({"bending_modulus": np.array([0.5, np.nan])}, "bending_modulus"),
+        ({"gaussian_modulus": np.ones((3, 1))}, "gaussian_modulus"),
         ({"gaussian_modulus": float("inf")}, "gaussian_modulus"),
         ({"spontaneous_curvature": None}, "spontaneous_curvature"),
         ({"spontaneous_curvature": 1j}, "spontaneous_curvature"),
