@@ -9,7 +9,7 @@ import jaxwillmore as jw
 from jaxwillmore import energies as je
 from jaxwillmore.flows import HelfrichFlow, Loaded, WillmoreFlow, gradient_flow
 
-from .test_helfrich import AXES, EXACT, H0, b, b_k, descent, on, speed
+from .carried_fields import AXES, EXACT, H0, b, b_k, descent, on, speed
 
 
 def bending_on(x):
