@@ -122,8 +122,9 @@ def march(
       they are recovered from the nodes.
     - `throw`: raise `RuntimeError` when a step failed; otherwise the nodes are NaN from there on.
 
-    **Raises:** `ValueError` for a step or a count that is not positive or a degree that the scheme
-    is not made for; `RuntimeError` as said under `throw` (not inside a transformation).
+    **Raises:** `ValueError` for a step or a count that is not positive, nodes or fields that do not
+    fit, or a degree that the scheme is not made for; `RuntimeError` as said under `throw` (not
+    inside a transformation).
 
     *Limits:* no step control and no check of the triangles: that is what `jaxwillmore.evolve` has.
 
@@ -137,9 +138,14 @@ def march(
         raise ValueError(f"`tau` must be positive and finite; got {float(tau)}.")
     if n_steps < 1:
         raise ValueError(f"`n_steps` must be at least 1; got {n_steps}.")
+    if jnp.shape(x0) != (mesh.n_nodes, 3):
+        raise ValueError(f"`x0` must have shape {(mesh.n_nodes, 3)}; got {jnp.shape(x0)}.")
     ready = grid(scheme, mesh)
+    names = [name for name in scheme.layout.names if name != "x"]
     if fields is None:
         fields = scheme.initial_fields(mesh, x0)
+    elif sorted(fields) != sorted(names):
+        raise ValueError(f"`fields` must give {names}; got {sorted(fields)}.")
     run = _march(scheme, ready, jnp.asarray(x0), tau, n_steps, fields)
     if throw and not isinstance(run.x, Tracer):
         _raise_if_lost(run)

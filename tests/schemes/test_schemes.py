@@ -190,6 +190,8 @@ def test_bad_arguments_are_named(dumbbell):
         march(BGNMeanCurvature(), mesh, x, tau=-1.0, n_steps=1)
     with pytest.raises(ValueError, match="`n_steps` must be at least 1; got 0"):
         march(BGNMeanCurvature(), mesh, x, tau=1.0, n_steps=0)
+    with pytest.raises(ValueError, match=r"`fields` must give \['H'\]; got \['Y'\]"):
+        march(BGNMeanCurvature(), mesh, x, tau=1.0, n_steps=1, fields={"Y": x})
     with pytest.raises(ValueError, match="degree 1; got degree 2"):
         march(BGNMeanCurvature(), *jw.mesh.icosphere(0, degree=2), tau=1.0, n_steps=1)
     with pytest.raises(ValueError, match="`bending_modulus` must be positive"):
