@@ -56,7 +56,7 @@ def test_spheres_follow_their_law_at_the_order_of_the_scheme(problem):
 )
 def test_an_ellipsoidal_mode_decays_at_its_rate(flow, rate):
     row = mode_errors(2, 2, 1, flow=flow, exact_rate=rate)
-    np.testing.assert_allclose(row["rate"], rate, rtol=0.04)  # O(h³): 3 % on 162 rough nodes
+    np.testing.assert_allclose(row["rate"], rate, rtol=0.01)
 
 
 @pytest.mark.slow
