@@ -27,7 +27,7 @@ def vertex_rule(mesh: SurfaceMesh) -> Rule:
     return Rule(jnp.full(3, 1 / 6), jnp.asarray(phi))
 
 
-def lumped_normal(
+def vertex_geometry(
     mesh: SurfaceMesh, x: Float[Array, "nodes 3"]
 ) -> tuple[Float[Array, " nodes"], Float[Array, "nodes 3"], Float[Array, "nodes 3"]]:
     r"""Lumped mass $m_j$, $\omega_j = (\nu, \varphi_j)^h / m_j$ and $(\nabla x, \nabla\varphi_j)$.
@@ -49,7 +49,7 @@ def lumped_normal(
 
 def lumped_mean_curvature(mesh: SurfaceMesh, x: Float[Array, "nodes 3"]) -> Float[Array, " nodes"]:
     r"""H of $(H\nu, \eta)^h = (\nabla x, \nabla\eta)$, tested with $\omega_j$ at vertex j alone."""
-    m, omega, stiff = lumped_normal(mesh, x)
+    m, omega, stiff = vertex_geometry(mesh, x)
     return jnp.sum(stiff * omega, axis=1) / (m * jnp.sum(omega * omega, axis=1))
 
 

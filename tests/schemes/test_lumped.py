@@ -11,21 +11,21 @@ from jaxwillmore.fem import Jet, inner, load
 from jaxwillmore.schemes._dziuk_willmore import area_variation, divergence_variation
 from jaxwillmore.schemes._lumped import (
     lumped_mean_curvature,
-    lumped_normal,
     lumped_weingarten_squared,
+    vertex_geometry,
     vertex_rule,
 )
 
 # Operation by operation these would take seconds.
 area = eqx.filter_jit(jw.surface.area)
-lumped = eqx.filter_jit(lumped_normal)
+geometry = eqx.filter_jit(vertex_geometry)
 mean_curvature = eqx.filter_jit(lumped_mean_curvature)
 weingarten_squared = eqx.filter_jit(lumped_weingarten_squared)
 
 
 def test_lumped_masses_sum_to_the_area_and_normals_to_nothing():
     mesh, x = jw.mesh.ellipsoid((1.0, 1.2, 1.5), 1, degree=1)
-    m, omega, stiff = lumped(mesh, x)
+    m, omega, stiff = geometry(mesh, x)
     np.testing.assert_allclose(jnp.sum(m), area(mesh, x), rtol=1e-13)
     np.testing.assert_allclose(jnp.sum(m[:, None] * omega, axis=0), 0, atol=1e-13)
     np.testing.assert_allclose(jnp.sum(stiff, axis=0), 0, atol=1e-13)
@@ -44,7 +44,7 @@ def test_curvatures_of_a_sphere_are_of_second_order_in_the_mesh(R):
         mesh, x = jw.mesh.icosphere(level, degree=1, radius=R)
         H = mean_curvature(mesh, x)
         A2 = weingarten_squared(mesh, x, H)
-        m, _, _ = lumped(mesh, x)
+        m, _, _ = geometry(mesh, x)
         errors.append([float(jnp.sum(m * e) / jnp.sum(m)) for e in (H - 2 / R, A2 - 2 / R**2)])
     orders = np.log2(np.abs(errors[:-1]) / np.abs(errors[1:]))
     np.testing.assert_allclose(orders, 2.0, atol=0.15)
