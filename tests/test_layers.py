@@ -13,7 +13,7 @@ LAYERS = [
     {"fem"},
     {"surface"},
     {"energies"},
-    {"flows"},
+    {"flows", "schemes"},
     {"equilibria", "evolve"},
     {"shapes", "fit", "io", "plot", "verify"},
     {"sweep", "cases"},

@@ -9,6 +9,13 @@ from ._exact import (
     sphere_radius as sphere_radius,
     willmore_velocity as willmore_velocity,
 )
+from ._laws import (
+    balanced_flow as balanced_flow,
+    loaded_sphere_problem as loaded_sphere_problem,
+    radius_after as radius_after,
+    speed_problem as speed_problem,
+    sphere_energy as sphere_energy,
+)
 from ._orders import (
     ERRORS as ERRORS,
     TimeStudy as TimeStudy,

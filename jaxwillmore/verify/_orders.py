@@ -15,7 +15,7 @@ import jax.numpy as jnp
 from .._types import Nodes
 from ..evolve import replay
 from ..evolve._adaptive import graded_times
-from ..flows import WillmoreFlow
+from ..flows import AbstractFlow, WillmoreFlow
 from ..mesh import SurfaceMesh
 from ..surface import area
 from ._errors import nodal_errors, surface_errors
@@ -124,19 +124,27 @@ def mode_errors(
     n_steps: int = 16,
     bdf_order: int = 3,
     roughness: float = 0.08,
+    flow: AbstractFlow | None = None,
+    exact_rate: float | None = None,
 ) -> Row:
     r"""The linearised flow of one mode of the unit sphere, until it has fallen by e.
 
     The derivative of the run by the amplitude $\varepsilon$ of $r = 1 + \varepsilon P_l$ is
-    compared
-    at the nodes with the exact solution of the linearised flow: $P_l\,\nu$ for x, $-\nabla P_l$
-    for ν and $(l-1)(l+2)P_l$ for H, all times $e^{\lambda t}$. Norms are those of the finite
-    element functions with the nodal errors as values.
+    compared at the nodes with the exact solution of the linearised flow: $P_l\,\nu$ for x,
+    $-\nabla P_l$ for ν and $(l-1)(l+2)P_l$ for H, all times $e^{\lambda t}$. Norms are those of the
+    finite element functions with the nodal errors as values.
+
+    **Arguments:**
+
+    - `flow`: a flow under which the unit sphere is at rest (`balanced_flow`, say); Willmore flow
+      by default.
+    - `exact_rate`: $\lambda$, negative; that of Willmore flow by default.
 
     **Returns:** a row with the errors, `rate` (mean rate of the amplitude) and `exact_rate`.
     """
     mesh, x = rough_sphere(level, degree, roughness)
-    exact_rate = mode_rate(mode)
+    law = WillmoreFlow() if flow is None else flow
+    exact_rate = mode_rate(mode) if exact_rate is None else exact_rate
     t1 = -1 / exact_rate
     times = jnp.asarray(graded_times(0.0, t1, t1 / n_steps, bdf_order, t1))
 
@@ -149,7 +157,7 @@ def mode_errors(
         sphere = PerturbedSphere(1.0, amplitude, mode)
         start = x * (1.0 + amplitude * Y)[:, None]
         out = replay(
-            WillmoreFlow(),
+            law,
             mesh,
             start,
             times,

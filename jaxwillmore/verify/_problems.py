@@ -11,7 +11,7 @@ import numpy as np
 
 from .._types import Nodes
 from ..evolve import State, evolve
-from ..flows import WillmoreFlow
+from ..flows import AbstractFlow, WillmoreFlow
 from ..mesh import SurfaceMesh, from_sphere_map
 from ..reference import lagrange_nodes
 from ..surface import AbstractLevelSet, Sphere
@@ -56,7 +56,7 @@ class Problem:
     """
 
     name: str
-    flow: WillmoreFlow
+    flow: AbstractFlow
     surface: Callable[[float], AbstractLevelSet]
     from_sphere: Callable[[Nodes], Nodes]
     t1: float
