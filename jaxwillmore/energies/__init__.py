@@ -16,4 +16,5 @@ from ._parameters import (
     non_negative as non_negative,
     positive as positive,
 )
+from ._shape_derivative import shape_derivative as shape_derivative
 from ._willmore import Willmore as Willmore, willmore_of_field as willmore_of_field
