@@ -71,11 +71,13 @@ def test_help_names_every_command(capsys):
         main(["--help"])
     assert caught.value.code == 0
     text = capsys.readouterr().out
-    for word in ("run", "check", "shapes", "Exit status", "--version"):
+    for word in ("run", "check", "shapes", "verify", "Exit status", "--version"):
         assert word in text
 
 
-@pytest.mark.parametrize("arguments", [[], ["walk"], ["run"], ["run", "a.toml"], ["check"]])
+@pytest.mark.parametrize(
+    "arguments", [[], ["walk"], ["run"], ["run", "a.toml"], ["check"], ["verify"]]
+)
 def test_a_wrong_command_line_ends_with_2(capsys, arguments):
     with pytest.raises(SystemExit) as caught:
         main(arguments)
