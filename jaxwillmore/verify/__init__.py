@@ -43,6 +43,13 @@ from ._problems import (
     rough_sphere as rough_sphere,
     sphere_problem as sphere_problem,
 )
+from ._sensitivities import (
+    Sensitivity as Sensitivity,
+    equilibrium_sensitivity as equilibrium_sensitivity,
+    run_sensitivity as run_sensitivity,
+    sensitivity_rows as sensitivity_rows,
+    shape_outputs as shape_outputs,
+)
 from ._shape_derivative import shape_derivative_rows as shape_derivative_rows
 from ._shape_report import ShapeStudy as ShapeStudy, shape_study as shape_study
 from ._table import format_table as format_table
