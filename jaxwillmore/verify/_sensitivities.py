@@ -52,10 +52,11 @@ def sensitivity_rows(study: Sensitivity, halvings: int = 4) -> list[Row]:
     r"""One row per pair of output and parameter.
 
     Columns: `map`, `output`, `parameter`, the `derivative` $f'$, the relative difference `modes`
-    between forward and reverse mode, and `slope`, the order in h of Taylor's remainder
-    $|f(p + h) - f(p) - h f'|$: 2 when the derivative is right, 1 when it is wrong. It is taken
-    from the three smallest of the steps `steps[p] / 2^k` whose remainder is above the rounding of
-    the solvers; NaN where the output is linear in the parameter to that accuracy.
+    between forward and reverse mode (0 where both vanish up to rounding), and `slope`, the order
+    in h of Taylor's remainder $|f(p + h) - f(p) - h f'|$: 2 when the derivative is right, 1 when
+    it is wrong. It is taken from the three smallest of the steps `steps[p] / 2^k` whose remainder
+    is above the rounding of the solvers; NaN where the output is linear in the parameter to that
+    accuracy.
     """
     names = list(study.at)
     # Python numbers make weakly typed arrays, and every mixture of them would compile again.
@@ -87,17 +88,18 @@ def sensitivity_rows(study: Sensitivity, halvings: int = 4) -> list[Row]:
     nothing = {output: jnp.zeros(()) for output in start}
     for output in start:
         backward = reverse(at, nothing | {output: jnp.ones(())})
-        # A derivative that vanishes exactly has no relative error; measure against the step.
         for name in names:
-            found = float(slopes[name][output])
-            small = FLOOR * (abs(float(start[output])) + 1e-3) / study.steps[name]
+            found, other = float(slopes[name][output]), float(backward[name])
+            # A derivative that vanishes has no relative error.
+            rounding = FLOOR * (abs(float(start[output])) + 1) / abs(study.steps[name])
+            vanishes = max(abs(found), abs(other)) < rounding
             rows.append(
                 {
                     "map": study.name,
                     "output": output,
                     "parameter": name,
                     "derivative": found,
-                    "modes": abs(float(backward[name]) - found) / max(abs(found), small),
+                    "modes": 0.0 if vanishes else abs(other - found) / abs(found),
                     "slope": _slope(*remainders[output, name], float(start[output])),
                 }
             )
@@ -107,7 +109,7 @@ def sensitivity_rows(study: Sensitivity, halvings: int = 4) -> list[Row]:
 def _slope(hs: Sequence[float], remainders: Sequence[float], value: float) -> float:
     """Least-squares order of the three smallest remainders above rounding."""
     floor = FLOOR * (abs(value) + 1e-3)
-    seen = [(h, r) for h, r in zip(hs, remainders, strict=True) if r > floor][-3:]
+    seen = [(abs(h), r) for h, r in zip(hs, remainders, strict=True) if r > floor][-3:]
     if len(seen) < 3:
         return math.nan
     h, r = np.log(np.array(seen)).T
@@ -156,7 +158,7 @@ def run_sensitivity(
     steps = {"b_b": 0.04, "H0": 0.1, "tau": 6e-5, "shape": 0.01}
     if held:
         at |= {"reduced_volume": float(reduced_volume(mesh, x)), "area": float(area(mesh, x))}
-        steps |= {"reduced_volume": -4e-3, "area": 0.01 * at["area"]}
+        steps |= {"reduced_volume": -2e-3, "area": 0.01 * at["area"]}
     else:
         at |= {"sigma": 0.8, "P": 1.2, "n": 3.0, "c_out": 0.7, "T": 0.9}
         steps |= {name: 0.4 * at[name] for name in ("sigma", "P", "n", "c_out", "T")}
@@ -195,7 +197,7 @@ def equilibrium_sensitivity(shape: Equilibrium, *, held: bool = True) -> Sensiti
     steps = {"b_b": 0.05 * float(p.bending_modulus), "H0": 0.04 / R}
     if held:
         at |= {"area": p.area, "reduced_volume": shape.reduced_volume}
-        steps |= {"area": 0.02 * float(p.area), "reduced_volume": 4e-3}
+        steps |= {"area": 0.02 * float(p.area), "reduced_volume": 2e-3}
     else:
         at |= {"sigma": p.tension, "P": p.pressure}
         steps |= {"sigma": 0.01 * float(p.tension), "P": 0.01 * float(p.pressure)}
