@@ -36,6 +36,8 @@ Scalars = dict[str, Float[Array, ""]]
 Row = dict[str, Any]
 # Remainders smaller than this, relative to the output, are rounding of the solvers.
 FLOOR = 1e-10
+# A parameter that moves an output by less than this part of what another one does is minor.
+MINOR = 1e-3
 _MAX_HARMONIC = 4
 
 
@@ -52,10 +54,11 @@ def sensitivity_rows(study: Sensitivity, halvings: int = 4) -> list[Row]:
     r"""One row per pair of output and parameter.
 
     Columns: `map`, `output`, `parameter`, the `derivative` $f'$, the relative difference `modes`
-    between forward and reverse mode (0 where both vanish up to rounding), and `slope`, the order
-    in h of Taylor's remainder $|f(p + h) - f(p) - h f'|$: 2 when the derivative is right, 1 when
-    it is wrong. It is taken from the three smallest of the steps `steps[p] / 2^k` whose remainder
-    is above the rounding of the solvers; NaN where the output is linear in the parameter to that
+    between forward and reverse mode (0 where both vanish up to rounding; for a minor parameter,
+    relative to a thousandth of what the strongest one does), and `slope`, the order in h of
+    Taylor's remainder $|f(p + h) - f(p) - h f'|$: 2 when the derivative is right, 1 when it is
+    wrong. It is taken from the three smallest of the steps `steps[p] / 2^k` whose remainder is
+    above the rounding of the solvers; NaN where the output is linear in the parameter to that
     accuracy.
     """
     names = list(study.at)
@@ -88,18 +91,21 @@ def sensitivity_rows(study: Sensitivity, halvings: int = 4) -> list[Row]:
     nothing = {output: jnp.zeros(()) for output in start}
     for output in start:
         backward = reverse(at, nothing | {output: jnp.ones(())})
+        reach = max(abs(float(slopes[name][output]) * study.steps[name]) for name in names)
         for name in names:
             found, other = float(slopes[name][output]), float(backward[name])
+            step = abs(study.steps[name])
             # A derivative that vanishes has no relative error.
-            rounding = FLOOR * (abs(float(start[output])) + 1) / abs(study.steps[name])
+            rounding = FLOOR * (abs(float(start[output])) + 1) / step
             vanishes = max(abs(found), abs(other)) < rounding
+            size = max(abs(found), MINOR * reach / step)
             rows.append(
                 {
                     "map": study.name,
                     "output": output,
                     "parameter": name,
                     "derivative": found,
-                    "modes": 0.0 if vanishes else abs(other - found) / abs(found),
+                    "modes": 0.0 if vanishes else abs(other - found) / size,
                     "slope": _slope(*remainders[output, name], float(start[output])),
                 }
             )
@@ -158,7 +164,7 @@ def run_sensitivity(
     steps = {"b_b": 0.04, "H0": 0.1, "tau": 6e-5, "shape": 0.01}
     if held:
         at |= {"reduced_volume": float(reduced_volume(mesh, x)), "area": float(area(mesh, x))}
-        steps |= {"reduced_volume": -2e-3, "area": 0.01 * at["area"]}
+        steps |= {"reduced_volume": -1e-3, "area": 0.01 * at["area"]}
     else:
         at |= {"sigma": 0.8, "P": 1.2, "n": 3.0, "c_out": 0.7, "T": 0.9}
         steps |= {name: 0.4 * at[name] for name in ("sigma", "P", "n", "c_out", "T")}
@@ -194,13 +200,15 @@ def equilibrium_sensitivity(shape: Equilibrium, *, held: bool = True) -> Sensiti
     p = shape.parameters
     at = {"b_b": p.bending_modulus, "H0": p.spontaneous_curvature}
     R = float(area_radius(shape.mesh, shape.x))
-    steps = {"b_b": 0.05 * float(p.bending_modulus), "H0": 0.04 / R}
+    b = float(p.bending_modulus)
+    # Without constraints the shape is softer, and smaller steps show the same curvature.
+    steps = {"b_b": 0.05 * b, "H0": 0.04 / R} if held else {"b_b": 0.015 * b, "H0": 0.015 / R}
     if held:
         at |= {"area": p.area, "reduced_volume": shape.reduced_volume}
         steps |= {"area": 0.02 * float(p.area), "reduced_volume": 2e-3}
     else:
         at |= {"sigma": p.tension, "P": p.pressure}
-        steps |= {"sigma": 0.01 * float(p.tension), "P": 0.01 * float(p.pressure)}
+        steps |= {"sigma": 0.002 * float(p.tension), "P": 0.006 * float(p.pressure)}
         flags = lambda s: (s.fixed_area, s.fixed_volume)
         shape = eqx.tree_at(flags, shape, (False, False))
     points = _points(shape.mesh, shape.x)
