@@ -74,19 +74,17 @@ def sensitivity_rows(study: Sensitivity, halvings: int = 4) -> list[Row]:
         return jax.vjp(study.map, p)[1](weights)[0]
 
     zero = {name: jnp.zeros(()) for name in names}
+    start, _ = forward(at, zero)
     slopes, remainders = {}, {}
     for name in names:
-        start, slopes[name] = forward(at, zero | {name: jnp.ones(())})
+        _, slopes[name] = forward(at, zero | {name: jnp.ones(())})
         hs = study.steps[name] / 2.0 ** np.arange(halvings)
         values = [forward(at | {name: at[name] + h}, zero)[0] for h in hs]
         for output in start:
-            remainders[output, name] = (
-                hs,
-                [
-                    abs(float(value[output] - start[output] - h * slopes[name][output]))
-                    for h, value in zip(hs, values, strict=True)
-                ],
-            )
+            remainders[output, name] = [
+                (h, abs(float(value[output] - start[output] - h * slopes[name][output])))
+                for h, value in zip(hs, values, strict=True)
+            ]
     rows = []
     nothing = {output: jnp.zeros(()) for output in start}
     for output in start:
@@ -106,16 +104,16 @@ def sensitivity_rows(study: Sensitivity, halvings: int = 4) -> list[Row]:
                     "parameter": name,
                     "derivative": found,
                     "modes": 0.0 if vanishes else abs(other - found) / size,
-                    "slope": _slope(*remainders[output, name], float(start[output])),
+                    "slope": _slope(remainders[output, name], float(start[output])),
                 }
             )
     return rows
 
 
-def _slope(hs: Sequence[float], remainders: Sequence[float], value: float) -> float:
-    """Least-squares order of the three smallest remainders above rounding."""
+def _slope(remainders: Sequence[tuple[float, float]], value: float) -> float:
+    """Least-squares order of the three smallest remainders above rounding, given with their h."""
     floor = FLOOR * (abs(value) + 1e-3)
-    seen = [(abs(h), r) for h, r in zip(hs, remainders, strict=True) if r > floor][-3:]
+    seen = [(abs(h), r) for h, r in remainders if r > floor][-3:]
     if len(seen) < 3:
         return math.nan
     h, r = np.log(np.array(seen)).T
