@@ -67,7 +67,26 @@ def _parser() -> argparse.ArgumentParser:
 
     shapes = commands.add_parser("shapes", help="list shapes and their parameters")
     shapes.set_defaults(command=_shapes)
+    _add_verify(commands)
     return parser
+
+
+def _add_verify(commands) -> None:
+    verify = commands.add_parser("verify", help="check the mathematics", epilog=_EPILOG)
+    subjects = verify.add_subparsers(required=True, metavar="SUBJECT")
+    text = "derivatives of all energies by a shape, by autodiff against their formulas"
+    subject = subjects.add_parser("shape-derivative", help=text, description=text, epilog=_EPILOG)
+    subject.add_argument("--out", metavar="DIR", help="folder for tables (CSV) and a picture")
+    subject.add_argument(
+        "--levels",
+        type=int,
+        nargs="+",
+        default=[1, 2, 3],
+        choices=range(1, 6),
+        metavar="LEVEL",
+        help="refinements of the meshes, coarse to fine (default: 1 2 3, about a minute)",
+    )
+    subject.set_defaults(command=_verify_shape_derivative)
 
 
 def _run(args: argparse.Namespace) -> int:
@@ -125,6 +144,46 @@ def _shapes(args: argparse.Namespace) -> int:
             print(f"    {key + ' = ' + _plain(parameter.default):<32} {parameter.meaning}")
     print("All shapes also take level (default 2) and degree (1 to 4, default 2).")
     return OK
+
+
+def _verify_shape_derivative(args: argparse.Namespace) -> int:
+    from .verify import shape_study
+
+    if args.out is not None:
+        try:
+            os.makedirs(args.out, exist_ok=True)
+        except OSError as error:
+            return _complain(error, BAD_INPUT)
+    levels = sorted(set(args.levels))
+    study = shape_study(levels, lambda name: print(f"{name} ...", flush=True))
+    print(study.text())
+    if args.out is not None:
+        _write_study(study, args.out)
+    failures = study.failures()
+    for failure in failures:
+        _complain(failure, FAILED)
+    print("NOT everything holds." if failures else "Everything holds.")
+    return FAILED if failures else OK
+
+
+def _write_study(study, folder: str) -> None:
+    from .io import write_table
+    from .plot import PlotError, orders_picture
+
+    for name, rows in zip(study._fields, study, strict=True):
+        write_table(os.path.join(folder, f"{name}.csv"), rows)
+    try:
+        orders_picture(
+            os.path.join(folder, "shape_derivative.png"),
+            study.derivatives,
+            panels=("surface", "direction"),
+            lines="energy",
+            order=4.0,
+            title="Shape derivative: autodiff of the discrete energy against the formula",
+        )
+    except PlotError as error:
+        _complain(f"no picture: {error}", OK)
+    print(f"written to {folder}")
 
 
 def _plain(value: object) -> str:

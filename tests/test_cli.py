@@ -71,11 +71,13 @@ def test_help_names_every_command(capsys):
         main(["--help"])
     assert caught.value.code == 0
     text = capsys.readouterr().out
-    for word in ("run", "check", "shapes", "Exit status", "--version"):
+    for word in ("run", "check", "shapes", "verify", "Exit status", "--version"):
         assert word in text
 
 
-@pytest.mark.parametrize("arguments", [[], ["walk"], ["run"], ["run", "a.toml"], ["check"]])
+@pytest.mark.parametrize(
+    "arguments", [[], ["walk"], ["run"], ["run", "a.toml"], ["check"], ["verify"]]
+)
 def test_a_wrong_command_line_ends_with_2(capsys, arguments):
     with pytest.raises(SystemExit) as caught:
         main(arguments)
@@ -257,3 +259,43 @@ def test_an_interrupted_run_ends_with_130_and_is_complete(tmp_path):
     summary = json.loads((out / "summary.json").read_text(encoding="utf-8"))
     assert summary["status"] == "interrupted" and summary["steps"] >= 1
     assert not (out / ".lock").exists()
+
+
+# 4. Verification.
+
+
+@pytest.fixture
+def study(monkeypatch):
+    """The command with a study of three rows in place of the real one, which takes a minute."""
+    from jaxwillmore import verify
+
+    row = {"surface": "torus", "energy": "tension", "direction": "normal", "exact": 1.0}
+    derivatives = [row | {"h": 0.4, "error": 1e-2}, row | {"h": 0.1, "error": 1e-5}]
+    identities = [{"surface": "torus", "identity": "exact", "error": 1e-15}]
+    tables = verify.ShapeStudy(derivatives, identities, [{"mode": 2, "h": 0.1, "error": 1e-4}])
+    monkeypatch.setattr(verify, "shape_study", lambda levels, progress: tables)
+    return tables
+
+
+def test_verify_prints_its_tables_and_leaves_them(study, tmp_path, capsys):
+    folder = tmp_path / "out"
+    assert main(["verify", "shape-derivative", "--out", str(folder)]) == 0
+    text = capsys.readouterr().out
+    assert "1.0e-02  1.0e-05" in text and "Everything holds." in text
+    names = {path.name for path in folder.iterdir()}
+    assert names >= {"derivatives.csv", "identities.csv", "second_variations.csv"}
+
+
+def test_verify_ends_with_1_and_says_what_fails(study, capsys):
+    study.derivatives[1]["error"] = 1e-2
+    assert main(["verify", "shape-derivative", "--levels", "1"]) == 1
+    out, err = capsys.readouterr()
+    assert "NOT everything holds." in out
+    assert "torus, tension, normal: the error 1.00e-02 is above 3e-04" in err
+
+
+@pytest.mark.parametrize("levels", [["0"], ["9"], ["one"], []])
+def test_verify_refuses_levels_out_of_range(levels):
+    with pytest.raises(SystemExit) as caught:
+        main(["verify", "shape-derivative", "--levels", *levels])
+    assert caught.value.code == 2

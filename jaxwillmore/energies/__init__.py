@@ -25,4 +25,5 @@ from ._parameters import (
     positive as positive,
     positive_field as positive_field,
 )
+from ._shape_derivative import shape_derivative as shape_derivative
 from ._willmore import Willmore as Willmore, willmore_of_field as willmore_of_field

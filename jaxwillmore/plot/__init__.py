@@ -6,4 +6,5 @@ does not import them.
 
 from ._error import PlotError as PlotError
 from ._history import history_picture as history_picture
+from ._orders import orders_picture as orders_picture
 from ._surface import surface_picture as surface_picture

@@ -6,9 +6,15 @@ from ._curvature import (
     principal_curvatures as principal_curvatures,
     weingarten as weingarten,
 )
+from ._distance import signed_distance as signed_distance
 from ._gaussian import (
     gaussian_curvature_load as gaussian_curvature_load,
     recover_gaussian_curvature as recover_gaussian_curvature,
+)
+from ._harmonics import (
+    harmonic_coefficients as harmonic_coefficients,
+    harmonic_power as harmonic_power,
+    real_harmonics as real_harmonics,
 )
 from ._level_set import (
     AbstractLevelSet as AbstractLevelSet,
@@ -27,6 +33,17 @@ from ._measures import (
     centroid as centroid,
     reduced_volume as reduced_volume,
     volume as volume,
+)
+from ._moments import (
+    body_centroid as body_centroid,
+    curvature_moments as curvature_moments,
+    inertia_tensor as inertia_tensor,
+    principal_moments as principal_moments,
+)
+from ._profile import (
+    angle_profile as angle_profile,
+    height_profile as height_profile,
+    ray_lengths as ray_lengths,
 )
 from ._recover import (
     mean_curvature_vector as mean_curvature_vector,

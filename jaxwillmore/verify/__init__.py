@@ -9,6 +9,25 @@ from ._exact import (
     sphere_radius as sphere_radius,
     willmore_velocity as willmore_velocity,
 )
+from ._exact_surface import (
+    ExactSurface as ExactSurface,
+    bumpy_surface as bumpy_surface,
+    round_torus as round_torus,
+    sphere_like as sphere_like,
+    triaxial_ellipsoid as triaxial_ellipsoid,
+)
+from ._first_variation import (
+    CarriedLineEnergy as CarriedLineEnergy,
+    FirstVariation as FirstVariation,
+    Geometry as Geometry,
+    Whole as Whole,
+    first_variation as first_variation,
+)
+from ._identities import (
+    identity_rows as identity_rows,
+    material_derivatives as material_derivatives,
+    second_variation_rows as second_variation_rows,
+)
 from ._laws import (
     balanced_flow as balanced_flow,
     loaded_sphere_problem as loaded_sphere_problem,
@@ -31,4 +50,13 @@ from ._problems import (
     rough_sphere as rough_sphere,
     sphere_problem as sphere_problem,
 )
+from ._sensitivities import (
+    Sensitivity as Sensitivity,
+    equilibrium_sensitivity as equilibrium_sensitivity,
+    run_sensitivity as run_sensitivity,
+    sensitivity_rows as sensitivity_rows,
+    shape_outputs as shape_outputs,
+)
+from ._shape_derivative import shape_derivative_rows as shape_derivative_rows
+from ._shape_report import ShapeStudy as ShapeStudy, shape_study as shape_study
 from ._table import format_table as format_table

@@ -1,0 +1,121 @@
+"""Signed distance: exact parallel surfaces, brute force on the discrete one, derivatives."""
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import jax.random as jr
+import numpy as np
+import pytest
+from scipy.spatial import KDTree
+
+from jaxwillmore.mesh import ellipsoid, icosphere
+from jaxwillmore.reference import lagrange_basis
+from jaxwillmore.surface import Ellipsoid, signed_distance
+from jaxwillmore.verify import rough_sphere
+
+from ..helpers import observed_order, random_rotation, taylor_remainders
+
+AXES = (1.0, 1.2, 1.5)
+# Points at known distances: on the normals of the exact surface, closer than its focal points.
+_N = jr.normal(jr.key(0), (40, 3))
+FEET = jnp.asarray(AXES)[None] * _N / jnp.linalg.norm(_N, axis=1, keepdims=True)
+HEIGHTS = jnp.linspace(-0.4, 0.6, 40)
+POINTS = FEET + HEIGHTS[:, None] * Ellipsoid(AXES).normal(FEET)
+
+distances = eqx.filter_jit(signed_distance)
+
+
+def test_points_on_normals_have_their_height_with_order_four():
+    errors = [
+        float(jnp.max(jnp.abs(distances(*ellipsoid(AXES, level, 2), POINTS) - HEIGHTS)))
+        for level in (1, 2)
+    ]
+    assert observed_order((2.0, 1.0), errors) > 3.3, errors
+    assert errors[1] < 1e-3
+
+
+@pytest.mark.parametrize("degree", [1, 2])
+def test_no_point_of_the_discrete_surface_is_closer(degree):
+    """Against a dense sample of the surface, for points all over the place."""
+    mesh, x = ellipsoid(AXES, 1, degree)
+    points = jnp.asarray(np.random.default_rng(1).uniform(-2, 2, (40, 3)))
+    xi = np.random.default_rng(2).uniform(size=(3000, 2))
+    xi = np.where(xi.sum(axis=1, keepdims=True) > 1, 1 - xi, xi)
+    cells = np.asarray(x)[np.asarray(mesh.cells)]
+    sample = np.einsum("ql,tld->tqd", lagrange_basis(degree, xi), cells).reshape(-1, 3)
+    nearest, _ = KDTree(sample).query(np.asarray(points))
+    found = distances(mesh, x, points)
+    # The sample can only be farther away, by the square of its spacing.
+    assert np.all(np.abs(found) <= nearest + 1e-12)
+    np.testing.assert_allclose(np.abs(found), nearest, atol=5e-3)
+    outside = np.sum((np.asarray(points) / np.array(AXES)) ** 2, axis=1) > 1
+    clear = nearest > 0.1
+    assert np.all(np.sign(found)[clear] == np.where(outside, 1, -1)[clear])
+
+
+def test_nodes_have_no_distance_and_other_meshes_give_the_same():
+    mesh, x = ellipsoid(AXES, 1, 2)
+    np.testing.assert_allclose(distances(mesh, x, x[:40]), 0.0, atol=1e-14)
+    mesh, n = rough_sphere(1, 2)
+    other = distances(mesh, n * jnp.asarray(AXES)[None], POINTS)
+    np.testing.assert_allclose(other, HEIGHTS, atol=2e-2)
+
+
+def test_distance_moves_with_the_surface():
+    mesh, x = ellipsoid(AXES, 1, 2)
+    R, b = random_rotation(jr.key(1)), jnp.array([[1.0, -2.0, 0.5]])
+    here = distances(mesh, x, POINTS)
+    np.testing.assert_allclose(distances(mesh, x @ R.T + b, POINTS @ R.T + b), here, atol=1e-12)
+    np.testing.assert_allclose(distances(mesh, 2 * x, 2 * POINTS), 2 * here, rtol=1e-12)
+
+
+@pytest.fixture(scope="module")
+def weighted():
+    """A weighted sum of distances from a small mesh, with points far, near and inside."""
+    mesh, x = ellipsoid(AXES, 0, 2)
+    w = jr.normal(jr.key(3), (40,))
+    return x, POINTS, jax.jit(lambda x, p: jnp.vdot(w, signed_distance(mesh, x, p)))
+
+
+def test_envelope_theorem():
+    """Scaling about the origin: d dist = −n·x(foot), on a sphere −1 for every point."""
+    mesh, x = icosphere(1, 2)
+    points = 1.5 * x[:40] + 0.02
+    _, slope = jax.jvp(lambda x: distances(mesh, x, points), (x,), (x,))
+    np.testing.assert_allclose(slope, -1.0, atol=5e-3)
+
+
+def test_first_derivatives(weighted):
+    x, p, f = weighted
+    phi, psi = jr.normal(jr.key(4), x.shape), jr.normal(jr.key(5), p.shape)
+    _, forward = jax.jvp(f, (x, p), (phi, psi))
+    gx, gp = jax.grad(f, argnums=(0, 1))(x, p)
+    np.testing.assert_allclose(forward, jnp.vdot(gx, phi) + jnp.vdot(gp, psi), rtol=1e-11)
+    # Short steps: no foot may cross an edge, where the distance has a kink.
+    steps = (4e-5, 2e-5, 1e-5)
+    remainders = taylor_remainders(lambda x: f(x, p), x, phi, steps)
+    assert abs(observed_order(steps, remainders) - 2.0) < 0.05, remainders
+
+
+def test_second_derivatives(weighted):
+    x, p, f = weighted
+    phi = jr.normal(jr.key(4), x.shape)
+    slope = lambda x: jax.jvp(lambda x: f(x, p), (x,), (phi,))[1]
+    _, second = jax.jvp(slope, (x,), (phi,))
+    h = 1e-6
+    difference = (slope(x + h * phi) - slope(x - h * phi)) / (2 * h)
+    np.testing.assert_allclose(second, difference, rtol=1e-5)
+
+
+def test_at_an_edge_the_foot_slides_along_it():
+    """Outside of a polyhedron the foot may be on an edge or a corner; derivatives hold there."""
+    mesh, x = icosphere(0, 1)
+    corner, middle = 1.4 * x[0], x[mesh.cells[0, 0]] + x[mesh.cells[0, 1]]
+    p = jnp.stack([corner, 0.9 * middle + 0.01])
+    found = distances(mesh, x, p)
+    np.testing.assert_allclose(found[0], 0.4, rtol=1e-13)
+    phi = jr.normal(jr.key(6), x.shape)
+    steps = (4e-3, 2e-3, 1e-3)
+    for k in range(2):
+        remainders = taylor_remainders(lambda x, k=k: distances(mesh, x, p)[k], x, phi, steps)
+        assert abs(observed_order(steps, remainders) - 2.0) < 0.05, (k, remainders)

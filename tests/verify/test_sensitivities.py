@@ -1,0 +1,106 @@
+"""Derivatives of every output by every parameter, of runs and of equilibria."""
+
+import math
+
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+from jaxwillmore import equilibria, verify
+from jaxwillmore.fem import integrate
+
+# 1. The test itself, on a map whose derivatives are known.
+
+
+def toy(p):
+    return {"square": p["a"] ** 2 * p["b"], "sine": jnp.sin(p["a"]), "line": 3.0 * p["b"]}
+
+
+TOY = verify.Sensitivity(
+    "toy", toy, {"a": jnp.asarray(0.7), "b": jnp.asarray(2.0)}, {"a": 0.01, "b": 0.01}
+)
+
+
+def test_a_right_derivative_has_slope_two():
+    rows = {(row["output"], row["parameter"]): row for row in verify.sensitivity_rows(TOY)}
+    assert len(rows) == 6
+    assert rows["square", "a"]["derivative"] == pytest.approx(2.8, rel=1e-14)
+    assert rows["sine", "a"]["derivative"] == pytest.approx(math.cos(0.7), rel=1e-14)
+    for pair in (("square", "a"), ("sine", "a")):
+        assert abs(rows[pair]["slope"] - 2) < 0.05
+    for pair in (("square", "b"), ("line", "a"), ("line", "b"), ("sine", "b")):
+        assert math.isnan(rows[pair]["slope"])  # linear: nothing remains
+    assert all(row["modes"] < 1e-13 for row in rows.values())
+
+
+def test_a_wrong_derivative_has_slope_one():
+    """A map with a constant that autodiff cannot see."""
+
+    def wrong(p):
+        frozen = jnp.asarray(p["a"] ** 2)
+        return {"y": toy(p)["sine"] + 1e-3 * jnp.round(frozen * 1e6) / 1e6}
+
+    study = TOY._replace(map=wrong)
+    row = next(r for r in verify.sensitivity_rows(study) if r["parameter"] == "a")
+    assert row["slope"] < 1.95
+
+
+# 2. Runs and equilibria.
+
+
+def assert_derivatives(rows, count, outputs):
+    """Slope 2 ± 0.05 for every pair, forward and reverse equal to 1e-10."""
+    assert len(rows) == count
+    for row in rows:
+        assert row["modes"] < 1e-10, row
+        assert math.isnan(row["slope"]) or abs(row["slope"] - 2) < 0.05, row
+    curved = [row for row in rows if not math.isnan(row["slope"])]
+    assert {row["output"] for row in curved} >= outputs
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("held", [False, True], ids=["loaded", "held"])
+def test_sensitivities_of_a_run(held):
+    mesh, n = verify.rough_sphere(0, 2)
+    x = n * jnp.array([[1.0, 1.15, 1.35]])
+    study = verify.run_sensitivity(mesh, x, 2, held=held)
+    outputs = {"Willmore energy", "int H^3", "inertia", "harmonics", "distances"}
+    assert_derivatives(verify.sensitivity_rows(study), 9 * len(study.at), outputs)
+
+
+@pytest.fixture(scope="module")
+def small():
+    """A prolate of 42 nodes in units that are not one."""
+    mesh, x = equilibria.spheroid(0.8, "prolate", level=0)
+    return equilibria.equilibrium(
+        mesh, 3.0 * x, reduced_volume=0.8, bending_modulus=0.7, stability=False
+    )
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("held", [True, False], ids=["held", "loaded"])
+def test_sensitivities_of_an_equilibrium(small, held):
+    study = verify.equilibrium_sensitivity(small, held=held)
+    rows = verify.sensitivity_rows(study)
+    assert_derivatives(rows, 4 * (12 if held else 10), {"int H^3", "harmonics", "distances"})
+    if held:
+        assert_envelope(small, rows)
+
+
+def assert_envelope(shape, rows):
+    """dE*/dH0 = −∫y·ν and dE*/dv = P dV/dv, to 1e-6; the multipliers know the derivatives."""
+    slope = {r["parameter"]: r["derivative"] for r in rows if r["output"] == "bending energy"}
+    flux = integrate(
+        shape.mesh,
+        shape.x,
+        lambda point, f: jnp.sum(f.Y.value * point.normal),
+        {"Y": shape.Y},
+        quadrature_degree=6,
+    )
+    A = shape.parameters.area
+    np.testing.assert_allclose(slope["H0"], -flux, rtol=1e-6)
+    by_volume = shape.pressure * A**1.5 / (6 * np.sqrt(np.pi))
+    np.testing.assert_allclose(slope["reduced_volume"], by_volume, rtol=1e-6)
+    # At a held reduced volume the volume grows with the area, too.
+    by_area = -shape.tension + 1.5 * shape.pressure * shape.parameters.volume / A
+    np.testing.assert_allclose(slope["area"], by_area, atol=1e-6 * abs(float(shape.tension)))
