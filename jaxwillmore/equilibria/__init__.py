@@ -3,7 +3,7 @@
 from ._branch import Branch as Branch, branch as branch
 from ._diagnostics import MeshHealth as MeshHealth, mesh_health as mesh_health
 from ._equilibrium import equilibrium as equilibrium
-from ._functional import Parameters as Parameters
+from ._parameters import Parameters as Parameters
 from ._reference import smoothed as smoothed
 from ._results import (
     BRANCH_RESULTS as BRANCH_RESULTS,

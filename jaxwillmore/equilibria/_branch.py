@@ -4,6 +4,7 @@ import dataclasses
 from collections.abc import Callable
 
 import equinox as eqx
+import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
@@ -11,7 +12,8 @@ from jaxtyping import Array, Float
 from ..mesh import check_surface
 from ._diagnostics import mesh_health
 from ._equilibrium import LARGEST_STEP, Relaxation, settle
-from ._functional import N_GLOBALS, EquilibriumSystem, Parameters, Path, Reference, Units
+from ._functional import N_GLOBALS, EquilibriumSystem, Path, Reference
+from ._parameters import Parameters, Units
 from ._reference import advanced
 from ._results import BRANCH_RESULTS, RESULTS, message, name_of
 from ._shape import Equilibrium, finished
@@ -145,7 +147,7 @@ def _line(start: Equilibrium, parameter: str) -> tuple[Parameters, Parameters, f
     p, units = start.parameters, start.units
     scaled = units.parameters(p)
     zero = jnp.zeros(())
-    nothing = Parameters(zero, zero, zero, zero, zero, zero)
+    nothing = jax.tree.map(jnp.zeros_like, scaled)
     if parameter == "reduced_volume":
         if not (start.fixed_area and start.fixed_volume):
             raise ValueError("A branch in `reduced_volume` needs area and volume held.")
