@@ -2,6 +2,7 @@
 
 import time
 from collections.abc import Callable
+from typing import Any
 
 import equinox as eqx
 import jax.numpy as jnp
@@ -58,7 +59,12 @@ class Relaxation:
     def system(self, r: Reference, parameters: Parameters, inverse_tau=0.0) -> EquilibriumSystem:
         area, volume = (jnp.asarray(flag) for flag in self.flags)
         return EquilibriumSystem(
-            r, parameters, constant_path(r, parameters), area, volume, jnp.asarray(inverse_tau, float)
+            r,
+            parameters,
+            constant_path(r, parameters),
+            area,
+            volume,
+            jnp.asarray(inverse_tau, float),
         )
 
     def solve(self, system: EquilibriumSystem, y, g, s=None) -> Solved:
@@ -76,7 +82,7 @@ def equilibrium(
     *,
     bending_modulus=None,
     spontaneous_curvature=None,
-    area="initial",
+    area: Any = "initial",
     volume=None,
     reduced_volume=None,
     tension=None,
@@ -86,7 +92,7 @@ def equilibrium(
     stability: bool = True,
     linear_solver: str = "direct",
     throw: bool = True,
-    observer: Callable[[dict[str, float]], None] | None = None,
+    observer: Callable[[dict[str, float | int]], None] | None = None,
 ) -> Equilibrium:
     r"""Stationary shape of $b_b\int (H - H_0)^2 + f(A, V_p, M)$, area and volume free or held.
 
@@ -256,7 +262,7 @@ def settle(relaxation: Relaxation, system: EquilibriumSystem, y, g, before: floa
     return found
 
 
-def _row(system, solved, outer, tau, size, accepted) -> dict[str, float]:
+def _row(system, solved, outer, tau, size, accepted) -> dict[str, float | int]:
     p = system.parameters
     return {
         "step": outer,

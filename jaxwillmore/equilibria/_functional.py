@@ -27,7 +27,7 @@ from ..linalg import (
     scatter_blocks,
 )
 from ..mesh import SurfaceMesh
-from ._parameters import Parameters
+from ._parameters import Parameters, Scaled
 
 # Cells differentiated together; small batches stay in cache (measured in `fem`).
 CELL_BATCH = 16
@@ -128,6 +128,12 @@ def area_and_volume(mesh: SurfaceMesh, rule: Rule, x: Float[Array, "nodes 3"]):
     return both[0], both[1]
 
 
+def _scaled(p: Parameters) -> Scaled:
+    """The global energy of dimensionless parameters that have one."""
+    assert isinstance(p.global_energy, Scaled)
+    return p.global_energy
+
+
 class EquilibriumSystem(AbstractSparseSystem):
     r"""Stationarity of the constrained functional on a frozen reference surface.
 
@@ -215,7 +221,7 @@ class EquilibriumSystem(AbstractSparseSystem):
         A, V, M = self._arguments(measures, g)
         F = integral(r.mesh, r.rule, r.positions(s), y, (shifted, kappa, zero, zero))
         bending = F + (tension - g[TENSION]) * A - g[CURVATURE] * M
-        of = zero if p.global_energy is None else p.global_energy.of(A, V, M)
+        of = zero if p.global_energy is None else _scaled(p).of(A, V, M)
         return bending, of, M
 
     @eqx.filter_jit
@@ -245,7 +251,7 @@ class EquilibriumSystem(AbstractSparseSystem):
         area, volume, M = self._arguments(measures, g)
         f_A, f_V, f_M = 3 * (jnp.zeros(()),)
         if p.global_energy is not None:
-            f_A, f_V, f_M = jax.grad(p.global_energy.of, argnums=(0, 1, 2))(area, volume, M)
+            f_A, f_V, f_M = jax.grad(_scaled(p).of, argnums=(0, 1, 2))(area, volume, M)
         of_tension = jnp.where(
             self.fixed_area, (area - p.area) / (4 * jnp.pi), g[TENSION] - p.tension - f_A
         )

@@ -1,6 +1,7 @@
 """What an equilibrium depends on, in the units of the user and without dimension."""
 
 import equinox as eqx
+import jax.numpy as jnp
 from jaxtyping import Array, Float
 
 from ..energies import AbstractEnergy, AbstractGlobalEnergy, terms_of
@@ -36,8 +37,10 @@ class Scaled(AbstractGlobalEnergy):
     kappa: Float[Array, ""]
 
     def of(self, A, V_p, M):
-        L = self.length
-        value = sum(f * term.of(A * L**2, V_p * L**3, M * L) for f, term in terms_of(self.energy))
+        L, value = self.length, jnp.zeros(())
+        for factor, term in terms_of(self.energy):
+            assert isinstance(term, AbstractGlobalEnergy)
+            value = value + factor * term.of(A * L**2, V_p * L**3, M * L)
         return value / self.kappa
 
 

@@ -10,9 +10,16 @@ from jaxtyping import Array, Bool, Float
 
 from ..mesh import SurfaceMesh
 from ._diagnostics import MeshHealth, mesh_health
-from ._functional import CURVATURE, PRESSURE, TENSION, EquilibriumSystem, Path, Reference
-from ._functional import area_and_volume
-from ._parameters import Parameters, Units
+from ._functional import (
+    CURVATURE,
+    PRESSURE,
+    TENSION,
+    EquilibriumSystem,
+    Path,
+    Reference,
+    area_and_volume,
+)
+from ._parameters import Parameters, Scaled, Units
 from ._results import RESULTS
 from ._solve import Solved, newton
 from ._stability import lowest_modes
@@ -222,7 +229,7 @@ def finished(
         found.pop("volume"),
         found["tension"] if fixed_area else p.tension * kappa / L**2,
         found["pressure"] if fixed_volume else p.pressure * kappa / L**3,
-        None if p.global_energy is None else p.global_energy.energy,
+        p.global_energy.energy if isinstance(p.global_energy, Scaled) else None,
     )
     values: tuple[float, ...] = ()
     if stability and bool(result == RESULTS.converged):

@@ -62,9 +62,7 @@ def test_osmotic_pressure_obeys_vant_hoff(swollen):
 
 def test_osmosis_holds_the_shape_that_a_held_volume_holds(swollen):
     volume = float(swollen.parameters.volume)
-    held = equilibria.equilibrium(
-        swollen.mesh, swollen.x, energy(1.0, 1e-9, 0.0), volume=volume
-    )
+    held = equilibria.equilibrium(swollen.mesh, swollen.x, energy(1.0, 1e-9, 0.0), volume=volume)
     np.testing.assert_allclose(held.pressure, swollen.pressure, rtol=1e-6)
     np.testing.assert_allclose(held.energy, swollen.energy, rtol=1e-8)
     # A volume that may vary can only lower the eigenvalues.

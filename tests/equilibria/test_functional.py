@@ -23,7 +23,7 @@ def energy():
 
 def parameters(H0=0.3):
     numbers = (jnp.asarray(v) for v in (1.0, H0, 12.0, 4.0, 0.2, 0.1))
-    return Parameters(*numbers, Scaled(energy(), jnp.asarray(1.1), jnp.asarray(0.8)))
+    return Parameters(*numbers, global_energy=Scaled(energy(), jnp.asarray(1.1), jnp.asarray(0.8)))
 
 
 def system(level, fixed_area, fixed_volume, axes=(1.0, 1.0, 1.3)):
@@ -32,7 +32,7 @@ def system(level, fixed_area, fixed_volume, axes=(1.0, 1.0, 1.3)):
     one, zero = jnp.ones(()), jnp.zeros(())
     slopes = zero, one, 0.2 * one, 0.3 * one, 0.4 * one, 0.5 * one
     nothing = jax.tree.map(jnp.zeros_like, parameters().global_energy)
-    direction = Parameters(*slopes, nothing)
+    direction = Parameters(*slopes, global_energy=nothing)
     path = Path(direction, jr.normal(jr.key(0), (mesh.n_nodes,)), 0.7 * one, zero)
     flags = jnp.asarray(fixed_area), jnp.asarray(fixed_volume)
     return EquilibriumSystem(r, parameters(), path, *flags, 3.0 * one)
