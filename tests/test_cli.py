@@ -71,12 +71,23 @@ def test_help_names_every_command(capsys):
         main(["--help"])
     assert caught.value.code == 0
     text = capsys.readouterr().out
-    for word in ("run", "check", "shapes", "verify", "Exit status", "--version"):
+    words = (
+        "run",
+        "equilibrium",
+        "branch",
+        "check",
+        "shapes",
+        "verify",
+        "Exit status",
+        "--version",
+    )
+    for word in words:
         assert word in text
 
 
 @pytest.mark.parametrize(
-    "arguments", [[], ["walk"], ["run"], ["run", "a.toml"], ["check"], ["verify"]]
+    "arguments",
+    [[], ["walk"], ["run"], ["run", "a.toml"], ["check"], ["branch"], ["equilibrium"], ["verify"]],
 )
 def test_a_wrong_command_line_ends_with_2(capsys, arguments):
     with pytest.raises(SystemExit) as caught:
@@ -299,3 +310,42 @@ def test_verify_refuses_levels_out_of_range(levels):
     with pytest.raises(SystemExit) as caught:
         main(["verify", "shape-derivative", "--levels", *levels])
     assert caught.value.code == 2
+
+
+# 5. Equilibria and branches.
+
+VESICLE = """
+[surface]
+shape = "ellipsoid"
+semi_axes = [1.0, 1.0, 2.0]
+level = 1
+[constraints]
+area = "initial"
+reduced_volume = 0.8
+[branch]
+stop = 0.79
+step0 = 0.02
+[output]
+picture = false
+"""
+
+
+def test_an_equilibrium_and_its_branch_print_their_progress_and_their_end(tmp_path, capsys):
+    (tmp_path / "case.toml").write_text(VESICLE, encoding="utf-8")
+    lines = {}
+    for command in ("equilibrium", "branch"):
+        out = str(tmp_path / command)
+        assert main([command, str(tmp_path / "case.toml"), "--out", out]) == 0
+        text, err = capsys.readouterr()
+        assert err == ""
+        lines[command] = text.splitlines()
+        assert lines[command][0].startswith("preparing") and out in lines[command][-1]
+    assert any(line.startswith("converged after") for line in lines["equilibrium"])
+    assert any("0 negative directions" in line for line in lines["equilibrium"])
+    end = next(line for line in lines["branch"] if line.startswith("end_reached"))
+    assert "reduced_volume = 0.79 after 2 points" in end
+
+
+def test_a_case_without_its_section_ends_with_2(case, tmp_path, capsys):
+    assert main(["branch", case, "--out", str(tmp_path / "out")]) == 2
+    assert_one_clear_line(capsys.readouterr().err, "[branch] is missing")

@@ -15,7 +15,7 @@ LAYERS = [
     {"energies"},
     {"flows", "schemes"},
     {"equilibria", "evolve"},
-    {"shapes", "fit", "io", "plot", "verify"},
+    {"shapes", "fit", "health", "io", "plot", "verify"},
     {"sweep", "cases"},
     {"cli", "__main__"},
 ]

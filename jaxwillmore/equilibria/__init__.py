@@ -1,9 +1,15 @@
 """Constrained stationary shapes of the bending energy, their derivatives, and families of them."""
 
 from ._branch import Branch as Branch, branch as branch
-from ._diagnostics import MeshHealth as MeshHealth, mesh_health as mesh_health
+from ._diagnostics import (
+    MAX_OFFSET as MAX_OFFSET,
+    MIN_ANGLE as MIN_ANGLE,
+    MIN_JACOBIAN as MIN_JACOBIAN,
+    MeshHealth as MeshHealth,
+    mesh_health as mesh_health,
+)
 from ._equilibrium import equilibrium as equilibrium
-from ._functional import Parameters as Parameters
+from ._parameters import Parameters as Parameters
 from ._reference import smoothed as smoothed
 from ._results import (
     BRANCH_RESULTS as BRANCH_RESULTS,
@@ -13,3 +19,4 @@ from ._results import (
 )
 from ._shape import Equilibrium as Equilibrium, Resolved as Resolved, resolve as resolve
 from ._start import spheroid as spheroid
+from ._targets import targets as targets

@@ -4,6 +4,7 @@ import dataclasses
 from collections.abc import Callable
 
 import equinox as eqx
+import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
@@ -11,7 +12,8 @@ from jaxtyping import Array, Float
 from ..mesh import check_surface
 from ._diagnostics import mesh_health
 from ._equilibrium import LARGEST_STEP, Relaxation, settle
-from ._functional import N_GLOBALS, EquilibriumSystem, Parameters, Path, Reference, Units
+from ._functional import N_GLOBALS, EquilibriumSystem, Path, Reference
+from ._parameters import Parameters, Units
 from ._reference import advanced
 from ._results import BRANCH_RESULTS, RESULTS, message, name_of
 from ._shape import Equilibrium, finished
@@ -145,7 +147,7 @@ def _line(start: Equilibrium, parameter: str) -> tuple[Parameters, Parameters, f
     p, units = start.parameters, start.units
     scaled = units.parameters(p)
     zero = jnp.zeros(())
-    nothing = Parameters(zero, zero, zero, zero, zero, zero)
+    nothing = jax.tree.map(jnp.zeros_like, scaled)
     if parameter == "reduced_volume":
         if not (start.fixed_area and start.fixed_volume):
             raise ValueError("A branch in `reduced_volume` needs area and volume held.")
@@ -181,7 +183,7 @@ def branch(
     tolerance: float = 1e-10,
     linear_solver: str = "direct",
     throw: bool = False,
-    observer: Callable[[dict[str, float], Equilibrium], None] | None = None,
+    observer: Callable[[dict[str, float], Equilibrium], bool | None] | None = None,
 ) -> Branch:
     r"""Follow a family of equilibria from one of them until a parameter reaches `stop`.
 
@@ -202,12 +204,14 @@ def branch(
     - `stability`: count the negative directions of every point.
     - `throw`: raise `RuntimeError` unless `stop` is reached. By default all converged shapes are
       returned with the reason.
-    - `observer`: called with the row and the shape of every point.
+    - `observer`: called with the row and the shape of every point as soon as it is found; where it
+      returns `True` the branch ends.
 
     **Raises:** `ValueError` for a parameter that the start does not allow, or an impossible `stop`.
 
-    *Limits:* it stays on one branch: crossing branches are noticed as events (a change of
-    `negative_directions` without a fold) and not switched to.
+    *Limits:* branches are not switched on purpose. Where another one crosses, the corrector may
+    stay or change over: a change of `negative_directions` without a fold among the events, or a
+    shape that has lost its symmetry, tells.
     """
     _check_stop(equilibrium, parameter, stop)
     follower = _Follower(equilibrium, parameter, tolerance, linear_solver)
@@ -248,17 +252,21 @@ class _Run:
         self.points: list[Equilibrium] = []
         self.rows: list[dict[str, float]] = []
         self.events: list[tuple[int, str]] = []
+        self.stopped = False
         self._add(start, follower.value, 0, 0.0)
 
     def follow(self, stop: float, length: float, limits, max_points: int) -> BRANCH_RESULTS:
         f = self.follower
+        if self.stopped:
+            return BRANCH_RESULTS.stopped
         if stop == f.point.p:
             return BRANCH_RESULTS.end_reached
         side = np.sign(stop - f.point.p)
         while len(self.points) <= max_points:
             here = f.point
             ahead = here.p + length * float(here.tangent_g[-1])
-            last = side * (ahead - stop) >= 0
+            # Nearer to the end than the smallest step is at the end.
+            last = side * (ahead - stop) >= -limits[0]
             system, solved = f.to(stop) if last else f.along(length)
             s, _, g = system.unpack(solved.unknowns)
             displaced = float(jnp.max(jnp.abs(s)))
@@ -306,7 +314,7 @@ class _Run:
         )
         value = float(solved.unknowns[-1]) * self.follower.scale
         self._add(point, value, int(solved.iterations), length * self.follower.scale)
-        return None
+        return BRANCH_RESULTS.stopped if self.stopped else None
 
     def _add(self, point: Equilibrium, value: float, iterations: int, step: float) -> None:
         row = _row(point, self.parameter, value, iterations, step)
@@ -318,7 +326,7 @@ class _Run:
             event = f"negative directions {before:.0f} -> {now:.0f}"
             self.events.append((len(self.points) - 1, event))
         if self.observer is not None:
-            self.observer(row, point)
+            self.stopped = bool(self.observer(row, point))
 
 
 def _next_length(length: float, iterations: int, displaced: float, largest: float) -> float:

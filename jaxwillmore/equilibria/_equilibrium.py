@@ -2,6 +2,7 @@
 
 import time
 from collections.abc import Callable
+from typing import Any
 
 import equinox as eqx
 import jax.numpy as jnp
@@ -9,17 +10,17 @@ import numpy as np
 import optimistix as optx
 from jaxtyping import Array, Float
 
+from ..energies import AbstractEnergy
 from ..mesh import SurfaceMesh
 from ..surface import mean_curvature_vector
 from ._diagnostics import MIN_JACOBIAN, mesh_health
 from ._functional import (
     N_GLOBALS,
     EquilibriumSystem,
-    Parameters,
     Reference,
-    Units,
     area_and_volume,
 )
+from ._parameters import Parameters, Units
 from ._reference import advanced, prepare, reference
 from ._results import RESULTS, message, name_of
 from ._shape import Equilibrium, constant_path, finished
@@ -58,7 +59,12 @@ class Relaxation:
     def system(self, r: Reference, parameters: Parameters, inverse_tau=0.0) -> EquilibriumSystem:
         area, volume = (jnp.asarray(flag) for flag in self.flags)
         return EquilibriumSystem(
-            r, parameters, constant_path(r), area, volume, jnp.asarray(inverse_tau, float)
+            r,
+            parameters,
+            constant_path(r, parameters),
+            area,
+            volume,
+            jnp.asarray(inverse_tau, float),
         )
 
     def solve(self, system: EquilibriumSystem, y, g, s=None) -> Solved:
@@ -72,10 +78,11 @@ class Relaxation:
 def equilibrium(
     mesh: SurfaceMesh,
     x0: Float[Array, "nodes 3"],
+    energy: AbstractEnergy | None = None,
     *,
-    bending_modulus=0.5,
-    spontaneous_curvature=0.0,
-    area="initial",
+    bending_modulus=None,
+    spontaneous_curvature=None,
+    area: Any = "initial",
     volume=None,
     reduced_volume=None,
     tension=None,
@@ -85,9 +92,15 @@ def equilibrium(
     stability: bool = True,
     linear_solver: str = "direct",
     throw: bool = True,
-    observer: Callable[[dict[str, float]], None] | None = None,
+    observer: Callable[[dict[str, float | int]], None] | None = None,
 ) -> Equilibrium:
-    r"""Stationary shape of $b_b\int (H - H_0)^2$ under constraints of area and volume.
+    r"""Stationary shape of $b_b\int (H - H_0)^2 + f(A, V_p, M)$, area and volume free or held.
+
+    $f$ is any sum of energies of area, enclosed volume and $M = \int H$: osmotic pressure,
+    penalties of area and volume, area difference. Its slopes are the tension
+    $\sigma = \partial_A f$, the pressure $P = -\partial_V f$ and a shift
+    $-\partial_M f/(2 b_b)$ of the spontaneous curvature; where area or volume are held, $\sigma$
+    or $P$ is the multiplier instead. All are unknowns of one Newton system.
 
     Newton's method for one mixed functional on a frozen reference surface, made global by implicit
     pseudo-time steps after each of which the reference follows the shape with the least
@@ -98,13 +111,16 @@ def equilibrium(
 
     - `mesh`, `x0`: a closed surface near the shape wanted; an ellipsoid of the right reduced volume
       is near enough. Degree 2 is recommended.
-    - `bending_modulus`: $b_b = \kappa/2$.
-    - `spontaneous_curvature`: $H_0$ for $H = \kappa_1 + \kappa_2$.
+    - `energy`: a sum of global energies and at most one `CanhamHelfrich` (or `Willmore`) energy;
+      its Gaussian term is constant on a closed surface and left out of all results.
+    - `bending_modulus`: $b_b = \kappa/2$, 0.5 by default; unless `energy` bends.
+    - `spontaneous_curvature`: $H_0$ for $H = \kappa_1 + \kappa_2$, 0 by default; likewise.
     - `area`: `"initial"`, a number, or `None` when free. The surface is scaled to a number.
     - `volume`: `"initial"`, a number, or `None` when free.
     - `reduced_volume`: instead of `volume`, from the area that is held.
-    - `tension`: $\sigma$ in place of a held area (0 if `area=None`).
-    - `pressure`: $P = P_{in} - P_{out}$ in place of a held volume (0 if nothing is said).
+    - `tension`: $\sigma$ in place of a held area (0 if `area=None`), beside that of `energy`.
+    - `pressure`: $P = P_{in} - P_{out}$ in place of a held volume (0 if nothing is said), beside
+      that of `energy`.
     - `tolerance`: largest error of the dimensionless unknowns.
     - `max_outer`: pseudo-time steps, rejected ones included.
     - `stability`: count the negative directions.
@@ -121,6 +137,8 @@ def equilibrium(
     ```python
     mesh, x = jw.equilibria.spheroid(0.8, level=2)
     shape = jw.equilibria.equilibrium(mesh, x, reduced_volume=0.8)
+    energy = jw.energies.CanhamHelfrich(0.5) + jw.energies.OsmoticPressure(3.5, 1.0, 1.0, 20.0)
+    swollen = jw.equilibria.equilibrium(mesh, x, energy)  # area held, volume by osmosis
     ```
     """
     started = time.perf_counter()
@@ -130,6 +148,7 @@ def equilibrium(
     target, flags = targets(
         mesh,
         x0,
+        energy,
         bending_modulus=bending_modulus,
         spontaneous_curvature=spontaneous_curvature,
         area=area,
@@ -204,7 +223,7 @@ def relax(relaxation: Relaxation, X, target: Parameters, max_outer: int, observe
                 return *best, result, outer
             continue
         best = system, solved
-        before = float(system.bending_energy(solved.unknowns)) + _work(aim, relaxation.flags, r, s)
+        before = float(system.objective(solved.unknowns))
         r, y, g, volume = relaxation.reference(advanced(r, s)), new_y, new_g, ramp
         arrived = not relaxation.flags[1] or bool(ramp == target.volume)
         if arrived and size < NEARLY_SETTLED and tau >= SETTLED_TAU:
@@ -213,13 +232,6 @@ def relax(relaxation: Relaxation, X, target: Parameters, max_outer: int, observe
                 return *final, RESULTS.converged, outer
         tau, rate = tau * GROWTH, min(1.5 * rate, VOLUME_RAMP)
     return *best, result, max_outer
-
-
-def _work(p: Parameters, flags, r: Reference, s) -> float:
-    """Work of a prescribed tension and pressure: part of what a step lowers."""
-    area, volume = area_and_volume(r.mesh, r.rule, r.positions(s))
-    work = jnp.where(flags[0], 0.0, p.tension * area)
-    return float(work - jnp.where(flags[1], 0.0, p.pressure * volume))
 
 
 def settle(relaxation: Relaxation, system: EquilibriumSystem, y, g, before: float | None = None):
@@ -237,8 +249,7 @@ def settle(relaxation: Relaxation, system: EquilibriumSystem, y, g, before: floa
         if not solved.converged or size > LARGEST_STEP:
             return None
         if before is not None:
-            after = float(system.bending_energy(solved.unknowns))
-            after += _work(system.parameters, relaxation.flags, system.reference, s)
+            after = float(system.objective(solved.unknowns))
             # A rise beyond discretisation error means a saddle, which pseudo-time would leave.
             if after > before + RISE * abs(before):
                 return None
@@ -251,7 +262,7 @@ def settle(relaxation: Relaxation, system: EquilibriumSystem, y, g, before: floa
     return found
 
 
-def _row(system, solved, outer, tau, size, accepted) -> dict[str, float]:
+def _row(system, solved, outer, tau, size, accepted) -> dict[str, float | int]:
     p = system.parameters
     return {
         "step": outer,
@@ -259,7 +270,7 @@ def _row(system, solved, outer, tau, size, accepted) -> dict[str, float]:
         "accepted": float(accepted),
         "largest_displacement": size,
         "newton_iterations": int(solved.iterations),
-        "energy_over_8pi_kappa": float(system.bending_energy(solved.unknowns))
+        "energy_over_8pi_kappa": float(system.energies(solved.unknowns)[0])
         / (8 * np.pi * float(p.bending_modulus)),
         "volume": float(p.volume),
     }

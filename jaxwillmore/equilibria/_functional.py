@@ -2,6 +2,15 @@ r"""The constrained bending energy as a sparse saddle-point system on a frozen r
 
 Everything in this module is dimensionless: lengths in units of the size of the surface, energies
 in units of $\kappa = 2 b_b$. `Units` translates.
+
+Besides the bending energy there may be an energy $f(A, V_p, M)$ of area, volume and $M = \int H$.
+Its slopes $\sigma = \partial_A f$, $P = -\partial_V f$, $m = \partial_M f$ are unknowns. The term
+$m M$ completes the square of the bending energy,
+
+$$ \frac\kappa2\int (H - H_0)^2 + m\int H = \frac\kappa2\int (H - \hat H_0)^2
+    + \frac\kappa2 (H_0^2 - \hat H_0^2) A, \qquad \hat H_0 = H_0 - m/\kappa, $$
+
+so that it acts as a shift of the spontaneous curvature and of the tension.
 """
 
 import equinox as eqx
@@ -18,59 +27,14 @@ from ..linalg import (
     scatter_blocks,
 )
 from ..mesh import SurfaceMesh
+from ._parameters import Parameters, Scaled
 
 # Cells differentiated together; small batches stay in cache (measured in `fem`).
 CELL_BATCH = 16
 # Softness of the six rigid constraints: a shape that feels a discrete torque may turn a little.
 RIGID_SOFTNESS = 1e-3
-N_GLOBALS = 9
-
-
-class Parameters(eqx.Module):
-    r"""What an equilibrium depends on.
-
-    **Attributes:**
-
-    - `bending_modulus`: $b_b = \kappa/2$, energy.
-    - `spontaneous_curvature`: $H_0$, 1/length.
-    - `area`, `volume`: the values held, where they are held.
-    - `tension`, `pressure`: $\sigma$ and $P = P_{in} - P_{out}$, where area or volume are free.
-    """
-
-    bending_modulus: Float[Array, ""]
-    spontaneous_curvature: Float[Array, ""]
-    area: Float[Array, ""]
-    volume: Float[Array, ""]
-    tension: Float[Array, ""]
-    pressure: Float[Array, ""]
-
-
-class Units(eqx.Module):
-    r"""Length, $\kappa$ and origin that make a problem dimensionless; frozen numbers."""
-
-    length: Float[Array, ""]
-    kappa: Float[Array, ""]
-    origin: Float[Array, "3"]
-
-    def inward(self, x: Float[Array, "nodes 3"]) -> Float[Array, "nodes 3"]:
-        """Dimensionless nodes."""
-        return (x - self.origin[None]) / self.length
-
-    def outward(self, X: Float[Array, "nodes 3"]) -> Float[Array, "nodes 3"]:
-        """Nodes in the units of the user; the inverse of `inward`."""
-        return self.origin[None] + self.length * X
-
-    def parameters(self, p: Parameters) -> Parameters:
-        """Dimensionless parameters; the modulus becomes $\\kappa$ in its unit."""
-        L, kappa = self.length, self.kappa
-        return Parameters(
-            2 * p.bending_modulus / kappa,
-            p.spontaneous_curvature * L,
-            p.area / L**2,
-            p.volume / L**3,
-            p.tension * L**2 / kappa,
-            p.pressure * L**3 / kappa,
-        )
+# Order of the global unknowns: tension, pressure, curvature multiplier, six rigid ones, path.
+TENSION, PRESSURE, CURVATURE, RIGID, PATH, N_GLOBALS = 0, 1, 2, slice(3, 9), 9, 10
 
 
 class Reference(eqx.Module):
@@ -164,20 +128,28 @@ def area_and_volume(mesh: SurfaceMesh, rule: Rule, x: Float[Array, "nodes 3"]):
     return both[0], both[1]
 
 
+def _scaled(p: Parameters) -> Scaled:
+    """The global energy of dimensionless parameters that have one."""
+    assert isinstance(p.global_energy, Scaled)
+    return p.global_energy
+
+
 class EquilibriumSystem(AbstractSparseSystem):
     r"""Stationarity of the constrained functional on a frozen reference surface.
 
-    $$ L = F(X + s n, y) + \sigma (|\Gamma| - A_0) - P (V_p - V_0) + \mu\cdot R s
-        - \tfrac{\epsilon}{2}|\mu|^2 + \frac{1}{2\tau} s^T M s $$
+    $$ L = F(X + s n, y;\, \hat H_0) + \hat\sigma |\Gamma| - P V_p + \mu\cdot R s
+        - \tfrac{\epsilon}{2}|\mu|^2 + \frac{1}{2\tau} s^T M s, \qquad
+       \hat\sigma = \sigma + \tfrac\kappa2 (H_0^2 - \hat H_0^2) $$
 
-    Nodal unknowns are $(s, y)$; the global ones $\sigma$, $P$, six rigid multipliers $\mu$ and the
-    path parameter $p$. The matrix is symmetric up to the equations of a prescribed tension or
-    pressure and of the path.
+    Nodal unknowns are $(s, y)$; the global ones $\sigma$, $P$, $m$, six rigid multipliers $\mu$
+    and the path parameter $p$. $\sigma$ and $P$ are multipliers where area and volume are held,
+    else slopes of the global energy plus what is applied. Since $\partial L/\partial m = M$ is
+    $\int y\cdot\nu/\kappa + \hat H_0 |\Gamma|$, that is the $M$ the energy is evaluated at.
 
     **Attributes:**
 
     - `parameters`: dimensionless.
-    - `fixed_area`, `fixed_volume`: hold area (volume), or prescribe tension (pressure).
+    - `fixed_area`, `fixed_volume`: hold area (volume), or let the energies decide.
     - `inverse_tau`: $1/\tau$ of pseudo-time; zero for the equilibrium itself.
     """
 
@@ -209,50 +181,99 @@ class EquilibriumSystem(AbstractSparseSystem):
         """Parameters at a point of the path."""
         return jax.tree.map(lambda a, d: a + p * d, self.parameters, self.path.direction)
 
-    @eqx.filter_jit
-    def bending_energy(self, v: Float[Array, " unknowns"]) -> Float[Array, ""]:
-        """The functional F, the bending energy at an equilibrium."""
-        s, y, g = self.unpack(v)
-        p = self.at(g[8])
-        zero = jnp.zeros(())
+    def coefficients(self, g):
+        r"""$\hat H_0$, $\kappa$, $\hat\sigma$ and $P$: what the integrand needs."""
+        p = self.at(g[PATH])
+        H0, kappa = p.spontaneous_curvature, p.bending_modulus
+        shifted = H0 - g[CURVATURE] / kappa
+        tension = g[TENSION] + kappa / 2 * (H0**2 - shifted**2)
+        return shifted, kappa, tension, g[PRESSURE]
+
+    def _measures(self, U):
+        r"""Area, enclosed volume and $\int y\cdot\nu$."""
         r = self.reference
-        coefficients = p.spontaneous_curvature, p.bending_modulus, zero, zero
-        return integral(r.mesh, r.rule, r.positions(s), y, coefficients)
+        x = r.positions(U[:, 0])
+
+        def cell(local):
+            def at(phi, weight):
+                P = local.T @ phi
+                cross = jnp.cross(P[:3, 1], P[:3, 2])
+                sums = jnp.sum(P[:3, 0] * cross) / 3, jnp.sum(P[3:, 0] * cross)
+                return weight * jnp.stack([jnp.linalg.norm(cross), *sums])
+
+            return jnp.sum(jax.vmap(at)(r.rule.phi, r.rule.weights), axis=0)
+
+        cells = gather(r.mesh, jnp.concatenate([x, U[:, 1:]], axis=1))
+        return jnp.sum(jax.vmap(cell)(cells), axis=0)
+
+    def _arguments(self, measures, g):
+        r"""Area, volume and $M$: the arguments of the global energy."""
+        shifted, kappa, _, _ = self.coefficients(g)
+        return measures[0], measures[1], measures[2] / kappa + shifted * measures[0]
+
+    @eqx.filter_jit
+    def energies(self, v: Float[Array, " unknowns"]):
+        """Bending energy, global energy, and total mean curvature."""
+        s, y, g = self.unpack(v)
+        r, p, zero = self.reference, self.at(g[PATH]), jnp.zeros(())
+        shifted, kappa, tension, _ = self.coefficients(g)
+        measures = self._measures(jnp.concatenate([s[:, None], y], axis=1))
+        A, V, M = self._arguments(measures, g)
+        F = integral(r.mesh, r.rule, r.positions(s), y, (shifted, kappa, zero, zero))
+        bending = F + (tension - g[TENSION]) * A - g[CURVATURE] * M
+        of = zero if p.global_energy is None else _scaled(p).of(A, V, M)
+        return bending, of, M
+
+    @eqx.filter_jit
+    def objective(self, v: Float[Array, " unknowns"]) -> Float[Array, ""]:
+        """What a step lowers: energies and the work of an applied tension and pressure."""
+        s, _, g = self.unpack(v)
+        r, p = self.reference, self.at(g[PATH])
+        area, volume = area_and_volume(r.mesh, r.rule, r.positions(s))
+        bending, of, _ = self.energies(v)
+        work = jnp.where(self.fixed_area, 0.0, p.tension * area)
+        return bending + of + work - jnp.where(self.fixed_volume, 0.0, p.pressure * volume)
 
     def _nodal(self, U, g):
         """Derivative of L by the nodal unknowns."""
-        r, p = self.reference, self.at(g[8])
-        coefficients = p.spontaneous_curvature, p.bending_modulus, g[0], g[1]
+        r, coefficients = self.reference, self.coefficients(g)
 
         def functional(U):
             return integral(r.mesh, r.rule, r.positions(U[:, 0]), U[:, 1:], coefficients)
 
         slope = jax.grad(functional)(U)
-        extra = g[2:8] @ r.rigid + self.inverse_tau * r.times_mass(U[:, 0])
+        extra = g[RIGID] @ r.rigid + self.inverse_tau * r.times_mass(U[:, 0])
         return slope.at[:, 0].add(extra)
 
-    def _closures(self, U, g):
-        """Equations of the global unknowns, of order one."""
-        r, p, s = self.reference, self.at(g[8]), U[:, 0]
-        area, volume = area_and_volume(r.mesh, r.rule, r.positions(s))
-        of_tension = jnp.where(self.fixed_area, (area - p.area) / (4 * jnp.pi), g[0] - p.tension)
-        of_pressure = jnp.where(
-            self.fixed_volume, (volume - p.volume) / (4 * jnp.pi / 3), g[1] - p.pressure
+    def _slopes(self, measures, g):
+        """Equations of tension, pressure and curvature multiplier, of order one."""
+        p = self.at(g[PATH])
+        area, volume, M = self._arguments(measures, g)
+        f_A, f_V, f_M = 3 * (jnp.zeros(()),)
+        if p.global_energy is not None:
+            f_A, f_V, f_M = jax.grad(_scaled(p).of, argnums=(0, 1, 2))(area, volume, M)
+        of_tension = jnp.where(
+            self.fixed_area, (area - p.area) / (4 * jnp.pi), g[TENSION] - p.tension - f_A
         )
-        of_rigid = r.rigid @ s - RIGID_SOFTNESS * g[2:8]
-        of_path = jnp.sum(self.path.shape * s) + self.path.weight * g[8] - self.path.length
-        return jnp.concatenate([jnp.stack([of_tension, of_pressure]), of_rigid, of_path[None]])
+        of_pressure = jnp.where(
+            self.fixed_volume,
+            (volume - p.volume) / (4 * jnp.pi / 3),
+            g[PRESSURE] - p.pressure + f_V,
+        )
+        return jnp.stack([of_tension, of_pressure, g[CURVATURE] - f_M])
 
     def residual(self, y):
         s, Y, g = self.unpack(y)
-        U = jnp.concatenate([s[:, None], Y], axis=1)
-        return jnp.concatenate([self._nodal(U, g).reshape(-1), self._closures(U, g)])
+        r, U = self.reference, jnp.concatenate([s[:, None], Y], axis=1)
+        of_rigid = r.rigid @ s - RIGID_SOFTNESS * g[RIGID]
+        of_path = jnp.sum(self.path.shape * s) + self.path.weight * g[PATH] - self.path.length
+        closures = [self._slopes(self._measures(U), g), of_rigid, of_path[None]]
+        return jnp.concatenate([self._nodal(U, g).reshape(-1), *closures])
 
     def blocks(self, y) -> Float[Array, "blocks 4 4"]:
         """Second derivative of L by the nodal unknowns."""
         s, Y, g = self.unpack(y)
-        r, p = self.reference, self.at(g[8])
-        coefficients = p.spontaneous_curvature, p.bending_modulus, g[0], g[1]
+        r, coefficients = self.reference, self.coefficients(g)
 
         def cell(inputs):
             fields, n_T = inputs
@@ -278,37 +299,30 @@ class EquilibriumSystem(AbstractSparseSystem):
     def jacobian(self, y):
         s, Y, g = self.unpack(y)
         U = jnp.concatenate([s[:, None], Y], axis=1)
-        # Only tension, pressure and p enter through the integrand.
-        varied = jnp.array([0, 1, 8])
+        # The rigid multipliers are the only global unknowns that the integrand does not see.
+        varied = jnp.array([TENSION, PRESSURE, CURVATURE, PATH])
 
         def by(direction):
             return jax.jvp(lambda g: self._nodal(U, g), (g,), (direction,))[1]
 
         columns = jnp.zeros((N_GLOBALS, *U.shape))
         columns = columns.at[varied].set(jax.vmap(by)(jnp.eye(N_GLOBALS)[varied]))
-        columns = columns.at[2:8, :, 0].set(self.reference.rigid)
-        border = Border(columns, self._rows(columns), self._corner(g))
+        columns = columns.at[RIGID, :, 0].set(self.reference.rigid)
+        border = Border(columns, *self._closure_derivatives(U, g, columns))
         return SparseOperator(self.blocks(y), self.pattern, border)
 
-    def _rows(self, columns):
-        """Derivative of `_closures` by the nodal unknowns, from the gradients in `columns`."""
-        area = jnp.where(self.fixed_area, columns[0, :, 0] / (4 * jnp.pi), 0.0)
-        volume = jnp.where(self.fixed_volume, -columns[1, :, 0] / (4 * jnp.pi / 3), 0.0)
-        first = jnp.stack([area, volume])
-        by_s = jnp.concatenate([first, self.reference.rigid, self.path.shape[None]])
-        return jnp.zeros_like(columns).at[:, :, 0].set(by_s)
-
-    def _corner(self, g):
-        """Derivative of `_closures` by the global unknowns."""
-        free_area, free_volume = ~self.fixed_area, ~self.fixed_volume
-        diagonal = jnp.concatenate(
-            [
-                jnp.stack([free_area, free_volume]).astype(float),
-                jnp.full(6, -RIGID_SOFTNESS),
-                self.path.weight[None],
-            ]
-        )
-        d = self.path.direction
-        by_area = jnp.where(free_area, d.tension, d.area / (4 * jnp.pi))
-        by_volume = jnp.where(free_volume, d.pressure, d.volume / (4 * jnp.pi / 3))
-        return jnp.diag(diagonal).at[:2, 8].add(-jnp.stack([by_area, by_volume]))
+    def _closure_derivatives(self, U, g, columns):
+        """Derivatives of the global equations by the nodal and by the global unknowns."""
+        by_measures, by_globals = jax.jacfwd(self._slopes, argnums=(0, 1))(self._measures(U), g)
+        shifted, kappa, _, _ = self.coefficients(g)
+        # L depends on σ, P and m through area, volume and M: its mixed derivatives are gradients.
+        of_area, of_volume = columns[TENSION], -columns[PRESSURE]
+        of_flux = kappa * (columns[CURVATURE] - shifted * of_area)
+        gradients = jnp.stack([of_area, of_volume, of_flux])
+        rows = jnp.zeros_like(columns)
+        rows = rows.at[:3].set(jnp.einsum("km,mna->kna", by_measures, gradients))
+        rows = rows.at[RIGID, :, 0].set(self.reference.rigid)
+        rows = rows.at[PATH, :, 0].set(self.path.shape)
+        soft = jnp.full(6, -RIGID_SOFTNESS)
+        corner = jnp.diag(jnp.concatenate([jnp.zeros(3), soft, self.path.weight[None]]))
+        return rows, corner.at[:3].set(by_globals)

@@ -35,6 +35,7 @@ class BRANCH_RESULTS(eqx.Enumeration):
     )
     self_contact = "The surface touches itself; equilibria beyond would need contact forces."
     point_limit = "The maximum number of points was reached; raise `max_points`."
+    stopped = "The observer asked to stop."
 
 
 _NAMES = {
@@ -51,6 +52,7 @@ _NAMES = {
         "resolution_lost",
         "self_contact",
         "point_limit",
+        "stopped",
     ),
 }
 

@@ -3,6 +3,7 @@
 from typing import Any
 
 import equinox as eqx
+import jax
 import jax.numpy as jnp
 import optimistix as optx
 from jaxtyping import Array, Bool, Float
@@ -10,13 +11,15 @@ from jaxtyping import Array, Bool, Float
 from ..mesh import SurfaceMesh
 from ._diagnostics import MeshHealth, mesh_health
 from ._functional import (
+    CURVATURE,
+    PRESSURE,
+    TENSION,
     EquilibriumSystem,
-    Parameters,
     Path,
     Reference,
-    Units,
     area_and_volume,
 )
+from ._parameters import Parameters, Scaled, Units
 from ._results import RESULTS
 from ._solve import Solved, newton
 from ._stability import lowest_modes
@@ -25,14 +28,19 @@ N_MODES = 8
 
 
 class Equilibrium(eqx.Module):
-    r"""A stationary shape of the bending energy under constraints.
+    r"""A stationary shape of the bending energy and global energies under constraints.
 
     **Attributes:**
 
     - `mesh`, `x`: the shape.
-    - `Y`: nodal field $2 b_b (H - H_0)\nu$, the moment that is in equilibrium.
+    - `Y`: nodal field $2 b_b (H - \hat H_0)\nu$, the moment that is in equilibrium;
+      $\hat H_0 = H_0 - m/(2 b_b)$.
     - `energy`: $b_b\int (H - H_0)^2$, by the mixed functional.
-    - `tension`, `pressure`: $\sigma$ and $P = P_{in} - P_{out}$, multipliers or prescribed.
+    - `global_energy`: value of the global energies.
+    - `tension`, `pressure`: $\sigma$ and $P = P_{in} - P_{out}$: multipliers, or the slopes
+      $\partial_A f$ and $-\partial_V f$ of the global energies plus what is applied.
+    - `curvature_multiplier`: $m = \partial_M f$; zero unless an energy depends on $M$.
+    - `total_mean_curvature`: $M = \int H$.
     - `parameters`: all parameters at the solution, area and volume included.
     - `residual`: largest entry of the dimensionless equations.
     - `negative_directions`: of the constrained second variation, rigid motions excluded; 0 for a
@@ -46,8 +54,11 @@ class Equilibrium(eqx.Module):
     x: Float[Array, "nodes 3"]
     Y: Float[Array, "nodes 3"]
     energy: Float[Array, ""]
+    global_energy: Float[Array, ""]
     tension: Float[Array, ""]
     pressure: Float[Array, ""]
+    curvature_multiplier: Float[Array, ""]
+    total_mean_curvature: Float[Array, ""]
     parameters: Parameters
     residual: float
     negative_directions: int | None
@@ -76,6 +87,12 @@ class Equilibrium(eqx.Module):
         return self.energy / (16 * jnp.pi * self.parameters.bending_modulus)
 
     @property
+    def effective_spontaneous_curvature(self) -> Float[Array, ""]:
+        r"""$\hat H_0 = H_0 - m/(2 b_b)$: with area and volume held, this alone gives the shape."""
+        p = self.parameters
+        return p.spontaneous_curvature - self.curvature_multiplier / (2 * p.bending_modulus)
+
+    @property
     def scaled_tension(self) -> Float[Array, ""]:
         r"""$\sigma R_0^2/\kappa$."""
         return self.tension * self.area_radius**2 / (2 * self.parameters.bending_modulus)
@@ -96,10 +113,10 @@ class Equilibrium(eqx.Module):
         return bool(self.result == RESULTS.converged)
 
 
-def constant_path(r: Reference) -> Path:
+def constant_path(r: Reference, parameters: Parameters) -> Path:
     """No path: the extra unknown is zero."""
     zero = jnp.zeros(())
-    nothing = Parameters(zero, zero, zero, zero, zero, zero)
+    nothing = jax.tree.map(jnp.zeros_like, parameters)
     return Path(nothing, jnp.zeros(r.X.shape[0]), jnp.ones(()), zero)
 
 
@@ -109,8 +126,11 @@ class Resolved(eqx.Module):
     x: Float[Array, "nodes 3"]
     Y: Float[Array, "nodes 3"]
     energy: Float[Array, ""]
+    global_energy: Float[Array, ""]
     tension: Float[Array, ""]
     pressure: Float[Array, ""]
+    curvature_multiplier: Float[Array, ""]
+    total_mean_curvature: Float[Array, ""]
     area: Float[Array, ""]
     volume: Float[Array, ""]
     converged: Bool[Array, ""]
@@ -128,12 +148,13 @@ def resolve(
     A pure function of `parameters`, differentiable forward and in reverse by the implicit function
     theorem: one solve with the matrix of the last Newton iteration. The exact discrete identities
     $\partial E/\partial V_0 = P$, $\partial E/\partial A_0 = -\sigma$ and
-    $\partial E/\partial H_0 = -\int y\cdot\nu$ hold to the tolerance.
+    $\partial E/\partial H_0 = -\int y\cdot\nu + m A$ hold to the tolerance for the sum E of all
+    energies, where those of area and volume do not enter what is held.
 
     **Arguments:**
 
-    - `parameters`: near those of `equilibrium.parameters`; entries that are not in force (tension
-      where the area is held, say) are ignored.
+    - `parameters`: near those of `equilibrium.parameters`, the constants of the global energies
+      included; entries that are not in force (tension where the area is held, say) are ignored.
 
     *Limits:* the discrete energy depends on the reference surface at the level of the
     discretisation error: take differences on one reference only.
@@ -155,29 +176,33 @@ def resolve(
 def _resolved(r, units, flags, start, parameters, tolerance, linear_solver) -> Resolved:
     scaled = units.parameters(parameters)
     area, volume = flags
-    system = EquilibriumSystem(r, scaled, constant_path(r), area, volume, jnp.zeros(()))
+    path = constant_path(r, scaled)
+    system = EquilibriumSystem(r, scaled, path, area, volume, jnp.zeros(()))
     start = start.at[-1].set(0.0)
     solved = newton(system, start, tolerance, 20, linear_solver)
-    x, Y, energy, tension, pressure, area, volume = dimensional(system, solved.unknowns, units)
     converged = solved.result == optx.RESULTS.successful
-    return Resolved(x, Y, energy, tension, pressure, area, volume, converged)
+    return Resolved(**dimensional(system, solved.unknowns, units), converged=converged)
 
 
-def dimensional(system: EquilibriumSystem, unknowns, units: Units):
-    """Nodes, Y, energy, tension, pressure, area and volume in the units of the user."""
+def dimensional(system: EquilibriumSystem, unknowns, units: Units) -> dict[str, Array]:
+    """What `Resolved` holds, in the units of the user."""
     r, L, kappa = system.reference, units.length, units.kappa
     s, y, g = system.unpack(unknowns)
     x = r.positions(s)
     area, volume = area_and_volume(r.mesh, r.rule, x)
-    return (
-        units.outward(x),
-        y * kappa / L,
-        kappa * system.bending_energy(unknowns),
-        g[0] * kappa / L**2,
-        g[1] * kappa / L**3,
-        area * L**2,
-        volume * L**3,
-    )
+    bending, of, M = system.energies(unknowns)
+    return {
+        "x": units.outward(x),
+        "Y": y * kappa / L,
+        "energy": kappa * bending,
+        "global_energy": kappa * of,
+        "tension": g[TENSION] * kappa / L**2,
+        "pressure": g[PRESSURE] * kappa / L**3,
+        "curvature_multiplier": g[CURVATURE] * kappa / L,
+        "total_mean_curvature": M * L,
+        "area": area * L**2,
+        "volume": volume * L**3,
+    }
 
 
 _dimensional = eqx.filter_jit(dimensional)
@@ -194,27 +219,25 @@ def finished(
 ) -> Equilibrium:
     """Translate a dimensionless solution and look at its stability."""
     r = system.reference
-    x, Y, energy, tension, pressure, area, volume = _dimensional(system, solved.unknowns, units)
-    p = system.at(solved.unknowns[-1])
+    found = _dimensional(system, solved.unknowns, units)
+    p, L, kappa = system.at(solved.unknowns[-1]), units.length, units.kappa
+    fixed_area, fixed_volume = bool(system.fixed_area), bool(system.fixed_volume)
     parameters = Parameters(
-        p.bending_modulus * units.kappa / 2,
-        p.spontaneous_curvature / units.length,
-        area,
-        volume,
-        tension,
-        pressure,
+        p.bending_modulus * kappa / 2,
+        p.spontaneous_curvature / L,
+        found.pop("area"),
+        found.pop("volume"),
+        found["tension"] if fixed_area else p.tension * kappa / L**2,
+        found["pressure"] if fixed_volume else p.pressure * kappa / L**3,
+        p.global_energy.energy if isinstance(p.global_energy, Scaled) else None,
     )
     values: tuple[float, ...] = ()
     if stability and bool(result == RESULTS.converged):
-        found, _ = lowest_modes(system, solved.unknowns, N_MODES, linear_solver)
-        values = tuple(float(value) for value in found)
+        lowest, _ = lowest_modes(system, solved.unknowns, N_MODES, linear_solver)
+        values = tuple(float(value) for value in lowest)
     return Equilibrium(
+        **found,
         mesh=r.mesh,
-        x=x,
-        Y=Y,
-        energy=energy,
-        tension=tension,
-        pressure=pressure,
         parameters=parameters,
         residual=float(solved.residual),
         negative_directions=sum(value < 0 for value in values) if values else None,
@@ -223,7 +246,7 @@ def finished(
         reference=r,
         units=units,
         unknowns=solved.unknowns,
-        fixed_area=bool(system.fixed_area),
-        fixed_volume=bool(system.fixed_volume),
+        fixed_area=fixed_area,
+        fixed_volume=fixed_volume,
         stats=stats,
     )

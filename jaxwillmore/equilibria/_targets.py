@@ -4,7 +4,9 @@ import jax.numpy as jnp
 import numpy as np
 
 from ..energies import finite, positive
-from ._functional import Parameters, area_and_volume
+from ._energy import split
+from ._functional import area_and_volume
+from ._parameters import Parameters
 from ._reference import prepare
 
 # Above this reduced volume the gradients of area and volume are too nearly parallel to ramp from.
@@ -24,6 +26,7 @@ def checked_start(mesh, x0):
 def targets(
     mesh,
     x0,
+    energy,
     *,
     bending_modulus,
     spontaneous_curvature,
@@ -34,6 +37,7 @@ def targets(
     pressure,
 ) -> tuple[Parameters, tuple[bool, bool]]:
     """Parameters, and whether area and volume are held; refuses what cannot be."""
+    modulus, curvature, global_energy = split(energy, bending_modulus, spontaneous_curvature)
     now_area, now_volume = area_and_volume(mesh, prepare(mesh)[0], x0)
     if float(now_volume) <= 0:
         raise ValueError(f"`x0` encloses volume {float(now_volume):.3g}: turn its normals outward.")
@@ -74,11 +78,12 @@ def targets(
             "shape that is not round."
         )
     parameters = Parameters(
-        positive("bending_modulus", bending_modulus),
-        finite("spontaneous_curvature", spontaneous_curvature),
+        modulus,
+        curvature,
         A,
         V,
         finite("tension", 0.0 if tension is None else tension),
         finite("pressure", 0.0 if pressure is None else pressure),
+        global_energy,
     )
     return parameters, (fixed_area, fixed_volume)

@@ -17,6 +17,7 @@ from ._vtu import write_vtu
 
 _NAME = re.compile(r"[A-Za-z0-9_][A-Za-z0-9._-]{0,63}")
 _OURS = ("frames/frame_*.vtu", "run.pvd", "history.csv", "final.*", "summary.json")
+_OURS += ("shapes/shape_*.npz", "branch.csv", "branch.png")
 _OURS += ("case.toml", "history.png", "checkpoint.npz", "checkpoint_previous.npz")
 
 
@@ -30,6 +31,7 @@ class RunFolder:
     ```
     case.toml      history.csv      run.pvd       frames/frame_000000.vtu ...
     final.npz      final.ply        summary.json  checkpoint.npz
+    final.vtu      branch.csv       shapes/shape_000000.npz ...     (of equilibria)
     ```
 
     Every file is either complete or absent, except that `history.csv` grows line by line; so the
@@ -87,11 +89,8 @@ class RunFolder:
         if existing == "replace":
             for file in ours:
                 file.unlink()
-        try:
-            (self.path / "frames").mkdir(exist_ok=True)
-        except OSError as error:
-            raise RunFolderError(f"cannot write in `{self.path}`: {error.strerror}.") from error
-        remove_temporaries(self.path / "frames")
+        for name in ("frames", "shapes"):
+            remove_temporaries(self.path / name)
 
     @property
     def series(self) -> PvdSeries:
@@ -102,6 +101,11 @@ class RunFolder:
     def history(self) -> History:
         """The table of steps, `history.csv`."""
         return History(self.path / "history.csv")
+
+    @property
+    def branch(self) -> History:
+        """The table of the points of a branch, `branch.csv`."""
+        return History(self.path / "branch.csv")
 
     @property
     def checkpoint(self) -> pathlib.Path:
@@ -133,9 +137,26 @@ class RunFolder:
         entries = self.series.entries()
         number = 1 + max([int(file[-10:-4]) for _, file in entries], default=-1)
         name = f"frames/frame_{number:06d}.vtu"
+        self._subfolder("frames")
         write_vtu(self.path / name, mesh, x, fields, time=t)
         self.series.append(t, name)
         return self.path / name
+
+    def write_shape(
+        self, number: int, mesh: SurfaceMesh, x: HostNodes, fields: dict[str, Any] | None = None
+    ) -> pathlib.Path:
+        """Write `shapes/shape_NUMBER.npz`, a point of a branch."""
+        path = self._subfolder("shapes") / f"shape_{number:06d}.npz"
+        write_npz(path, mesh, x, fields)
+        return path
+
+    def _subfolder(self, name: str) -> pathlib.Path:
+        path = self.path / name
+        try:
+            path.mkdir(exist_ok=True)
+        except OSError as error:
+            raise RunFolderError(f"cannot write in `{path}`: {error.strerror}.") from error
+        return path
 
     def write_final(
         self, mesh: SurfaceMesh, x: HostNodes, fields: dict[str, Any] | None = None

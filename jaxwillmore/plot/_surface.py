@@ -8,7 +8,7 @@ import numpy as np
 
 from .._types import Nodes
 from ..mesh import SurfaceMesh
-from ._camera import camera_for
+from ._camera import Camera, camera_for
 from ._error import PlotError, matplotlib_figure, save
 from ._render import matplotlib_image, pyvista_image
 from ._subdivide import FineSurface, subdivide
@@ -35,7 +35,8 @@ def _host(what: str, values: Any, n_nodes: int, *rest: int) -> np.ndarray:
     return array
 
 
-def _fine(mesh: SurfaceMesh, x: Any, field: Any) -> FineSurface:
+def fine_surface(mesh: SurfaceMesh, x: Any, field: Any) -> FineSurface:
+    """A surface and a field on it, checked and cut fine enough to be drawn."""
     x = _host("x", x, mesh.n_nodes, 3)
     if not np.all(np.isfinite(x)):
         n = np.count_nonzero(~np.all(np.isfinite(x), axis=1))
@@ -43,7 +44,7 @@ def _fine(mesh: SurfaceMesh, x: Any, field: Any) -> FineSurface:
     return subdivide(mesh, x, None if field is None else _host("field", field, mesh.n_nodes))
 
 
-def _scale(values: list[np.ndarray], name: str, cmap: str | None) -> _Scale:
+def scale_of(values: list[np.ndarray], name: str, cmap: str | None) -> _Scale:
     """Symmetric about zero for signed fields; the extreme 0.4 % may saturate."""
     finite = np.concatenate([v[np.isfinite(v)] for v in values])
     if len(finite) == 0:
@@ -74,7 +75,8 @@ def _mappable(scale: _Scale):
     return cm.ScalarMappable(colors.Normalize(scale.low, scale.high), scale.name)
 
 
-def _colours(surface: FineSurface, scale: _Scale | None) -> np.ndarray:
+def colours_of(surface: FineSurface, scale: _Scale | None) -> np.ndarray:
+    """RGB bytes of every point; plain grey-blue without a scale."""
     if scale is None or surface.values is None:
         return np.tile(np.uint8(255 * np.array(_PLAIN)), (len(surface.points), 1))
     rgba = _mappable(scale).to_rgba(surface.values, bytes=True)
@@ -82,14 +84,27 @@ def _colours(surface: FineSurface, scale: _Scale | None) -> np.ndarray:
     return np.ascontiguousarray(rgba[:, :3])
 
 
-def _images(surfaces, scale, camera, edges, pixels, renderer):
+def images_of(
+    surfaces: list[FineSurface],
+    colours: list[np.ndarray],
+    camera: Camera,
+    edges: bool,
+    pixels: int,
+    renderer: str,
+) -> list[np.ndarray]:
+    """Images of all surfaces by the same renderer."""
+    return _images(surfaces, colours, camera, edges, pixels, renderer)[1]
+
+
+def _images(surfaces, colours, camera, edges, pixels, renderer):
     """Images of all surfaces by the same renderer, and its name."""
     renderers = {"pyvista": pyvista_image, "matplotlib": matplotlib_image}
     names = ["pyvista", "matplotlib"] if renderer == "auto" else [renderer]
     for name in names:
         try:
             draw = renderers[name]
-            return name, [draw(s, _colours(s, scale), camera, edges, pixels) for s in surfaces]
+            drawn = zip(surfaces, colours, strict=True)
+            return name, [draw(s, c, camera, edges, pixels) for s, c in drawn]
         except PlotError:
             if name == names[-1]:
                 raise
@@ -193,18 +208,19 @@ def surface_picture(
     """
     if renderer not in ("auto", "pyvista", "matplotlib"):
         raise ValueError(f'`renderer` is "auto", "pyvista" or "matplotlib"; got {renderer!r}.')
-    surfaces, captions = [_fine(mesh, x, field)], [caption]
+    surfaces, captions = [fine_surface(mesh, x, field)], [caption]
     if start is not None:
         first_mesh, first_x = start if isinstance(start, tuple) else (mesh, start)
-        surfaces = [_fine(first_mesh, first_x, start_field), *surfaces]
+        surfaces = [fine_surface(first_mesh, first_x, start_field), *surfaces]
         captions = [start_caption, caption]
     matplotlib_figure(1.0, 1.0)  # say at once when matplotlib is missing
     values = [s.values for s in surfaces if s.values is not None]
-    scale = _scale(values, field_name, cmap) if values else None
+    scale = scale_of(values, field_name, cmap) if values else None
     camera = camera_for([s.points for s in surfaces], view)
     heights = [np.ptp(s.points @ camera.axes[1]) for s in surfaces]
     tall = float(0.06 + max(heights) / (2 * camera.half_height))
     pixels = round(4.6 * dpi)
-    used, images = _images(surfaces, scale, camera, edges, pixels, renderer)
+    colours = [colours_of(surface, scale) for surface in surfaces]
+    used, images = _images(surfaces, colours, camera, edges, pixels, renderer)
     _compose(path, images, captions, title, scale, field_name, tall, dpi)
     return used

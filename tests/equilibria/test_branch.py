@@ -45,6 +45,18 @@ def test_a_branch_that_may_not_move_says_why(prolate):
         equilibria.branch(prolate, stop=0.7, max_points=0, throw=True)
 
 
+def test_an_observer_may_end_a_branch(prolate):
+    seen = []
+
+    def observer(row, shape):
+        seen.append(row["reduced_volume"])
+        return len(seen) == 2
+
+    found = equilibria.branch(prolate, stop=0.7, step0=0.02, observer=observer)
+    assert equilibria.name_of(found.result) == "stopped" and not found.succeeded
+    assert len(found.points) == len(seen) == 2
+
+
 @pytest.mark.parametrize(
     "arguments, message",
     [
