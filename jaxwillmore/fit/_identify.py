@@ -1,5 +1,6 @@
 """What data can say: singular values of a sensitivity matrix, null directions, intervals."""
 
+import dataclasses
 from collections.abc import Mapping, Sequence
 
 import equinox as eqx
@@ -65,6 +66,10 @@ class Identification(eqx.Module):
             for name, v in zip(self.names, self.values, strict=True)
         }
 
+    def with_covariance(self, covariance: Float[np.ndarray, "unknowns unknowns"]):
+        """The same with another covariance of the estimates."""
+        return dataclasses.replace(self, covariance=covariance)
+
     @property
     def correlation(self) -> Float[np.ndarray, "unknowns unknowns"]:
         """Correlation of the estimates; NaN where a variance vanishes."""
@@ -128,10 +133,3 @@ def identify(
     return Identification(
         tuple(names), np.asarray(values, float), J, s, V, rank, variance * inverse
     )
-
-
-def truncated_solution(
-    J: Float[np.ndarray, "rows unknowns"], b: Float[np.ndarray, " rows"], rank_tolerance: float
-) -> Float[np.ndarray, " unknowns"]:
-    """The least-squares solution of smallest norm, without the null directions of `identify`."""
-    return np.linalg.lstsq(J, b, rcond=rank_tolerance)[0]
