@@ -13,6 +13,8 @@ from ._parameters import (
     Positive as Positive,
     Unbounded as Unbounded,
 )
+from ._pose import rotation as rotation
+from ._profile import profile as profile
 from ._results import RESULTS as RESULTS, message as message, name_of as name_of
 from ._shape_fit import (
     MatchedShape as MatchedShape,

@@ -6,4 +6,5 @@ does not import them.
 
 from ._error import PlotError as PlotError
 from ._history import history_picture as history_picture
+from ._overlay import overlay_picture as overlay_picture, profile_picture as profile_picture
 from ._surface import surface_picture as surface_picture
