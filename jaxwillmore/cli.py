@@ -75,6 +75,7 @@ def _parser() -> argparse.ArgumentParser:
     shapes = commands.add_parser("shapes", help="list shapes and their parameters")
     shapes.set_defaults(command=_shapes)
     _add_verify(commands)
+    _add_fit(commands)
     return parser
 
 
@@ -94,6 +95,31 @@ def _add_verify(commands) -> None:
         help="refinements of the meshes, coarse to fine (default: 1 2 3, about a minute)",
     )
     subject.set_defaults(command=_verify_shape_derivative)
+
+
+def _add_fit(commands) -> None:
+    fit = commands.add_parser("fit", help="fit equilibria to observed surfaces", epilog=_EPILOG)
+    fit.add_argument(
+        "case", metavar="CASE.toml", help="a case with [target], or example:NAME for an example"
+    )
+    fit.add_argument("--out", required=True, metavar="DIR", help="folder for everything it leaves")
+    how = fit.add_mutually_exclusive_group()
+    how.add_argument(
+        "--replace",
+        dest="existing",
+        action="store_const",
+        const="replace",
+        help="replace the files of an earlier fit in DIR",
+    )
+    how.add_argument(
+        "--resume",
+        dest="existing",
+        action="store_const",
+        const="resume",
+        help="go on from the last iterate in DIR",
+    )
+    fit.add_argument("--quiet", action="store_true", help="print nothing but errors")
+    fit.set_defaults(command=_fit, existing="refuse")
 
 
 def _run(args: argparse.Namespace) -> int:
@@ -142,6 +168,34 @@ def _computed(args: argparse.Namespace, command: Any, compute: Any, closing: Any
     if status == "interrupted":
         return _complain(run.summary["message"], INTERRUPTED)
     return OK if run.succeeded else _complain(run.summary["message"], FAILED)
+
+
+def _fit(args: argparse.Namespace) -> int:
+    from .cases import CaseError, load_fit, run_fit
+    from .io import RunFolderError
+    from .mesh import SurfaceError
+
+    def progress(row: dict[str, Any]) -> None:
+        rest = (f"{name} {value:.6g}" for name, value in row.items() if name != "step")
+        print(f"step {row['step']:3.0f}  " + "  ".join(rest), flush=True)
+
+    try:
+        task = load_fit(args.case)
+        run = run_fit(
+            task, args.out, existing=args.existing, progress=None if args.quiet else progress
+        )
+    except (CaseError, RunFolderError, FileNotFoundError, IsADirectoryError) as error:
+        return _complain(error, BAD_INPUT)
+    except (SurfaceError, OSError) as error:
+        return _complain(error, FAILED)
+    summary = run.summary
+    if not args.quiet:
+        for name, (low, high) in summary["intervals_95"].items():
+            print(f"{name}: {low:.6g} to {high:.6g} (95 %)")
+        print("\n".join([*summary["in_words"], f"written to {run.folder}"]))
+    if summary["status"] == "interrupted":
+        return _complain(summary["message"], INTERRUPTED)
+    return OK if run.succeeded else _complain(summary["message"], FAILED)
 
 
 def _check(args: argparse.Namespace) -> int:

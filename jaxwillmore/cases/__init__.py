@@ -20,6 +20,14 @@ from ._examples import (
     example_path as example_path,
     is_example as is_example,
 )
+from ._fit import FitRun as FitRun, run_fit as run_fit
+from ._fit_case import (
+    FitCase as FitCase,
+    FitTask as FitTask,
+    ModelCase as ModelCase,
+    TargetCase as TargetCase,
+    load_fit as load_fit,
+)
 from ._load import load_case as load_case
 from ._run import CaseRun as CaseRun, run_case as run_case
 from ._sections import (

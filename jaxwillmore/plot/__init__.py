@@ -8,4 +8,5 @@ from ._branch import branch_picture as branch_picture
 from ._error import PlotError as PlotError
 from ._history import history_picture as history_picture
 from ._orders import orders_picture as orders_picture
+from ._overlay import overlay_picture as overlay_picture, profile_picture as profile_picture
 from ._surface import surface_picture as surface_picture

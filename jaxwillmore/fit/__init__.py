@@ -1,0 +1,24 @@
+"""Parameters from observed shapes, and what the data can say about them."""
+
+from ._closest import closest as closest
+from ._distance import Surface as Surface, signed_distance as signed_distance
+from ._flow import FlowFit as FlowFit, fit_flow as fit_flow
+from ._force_balance import ForceBalance as ForceBalance, force_balance as force_balance
+from ._identify import Identification as Identification, identify as identify
+from ._likelihood import log_likelihood as log_likelihood
+from ._match import match_shapes as match_shapes
+from ._parameters import (
+    AbstractRange as AbstractRange,
+    Between as Between,
+    Positive as Positive,
+    Unbounded as Unbounded,
+)
+from ._pose import rotation as rotation
+from ._profile import profile as profile
+from ._results import RESULTS as RESULTS, message as message, name_of as name_of
+from ._shape_fit import (
+    MatchedShape as MatchedShape,
+    MatchIterate as MatchIterate,
+    ShapeFit as ShapeFit,
+)
+from ._targets import checked_surface as checked_surface

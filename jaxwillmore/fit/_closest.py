@@ -1,0 +1,164 @@
+"""Closest points on a curved surface: NumPy, on the host, outside of every derivative."""
+
+import functools as ft
+
+import numpy as np
+from jaxtyping import Float, Int
+from scipy.spatial import KDTree
+
+from ..reference import lagrange_basis, lagrange_gradients, n_local_nodes
+
+CANDIDATES, POLISHED = 8, 3
+NEWTON_STEPS = 8
+# Step of differences of polynomial gradients; exact up to degree 3.
+STEP = 1e-2
+AT_EDGE = 1e-9
+CORNERS = np.array([[0.0, 0.0], [1.0, 0.0], [0.0, 1.0]])
+
+
+def closest(
+    cells: Int[np.ndarray, "cells local"],
+    nodes: Float[np.ndarray, "nodes 3"],
+    queries: Float[np.ndarray, "points 3"],
+) -> tuple[Int[np.ndarray, " points"], Float[np.ndarray, "points local 3"]]:
+    """The cell that holds the point nearest to every query, and the tabulated basis there.
+
+    Every cell is cut into flat pieces; the nearest pieces by a tree of their centres give the
+    start of Newton's method on the curved cell. `basis[p, j]` holds the value and the two reference
+    derivatives of shape function j.
+
+    *Limits:* where a normal of the surface has a kink, at edges of elements, the nearest point may
+    sit in the kink; the line to it is then not exactly normal to the cell.
+    """
+    cells, nodes, queries = np.asarray(cells), np.asarray(nodes), np.asarray(queries)
+    degree = _degree(cells.shape[1])
+    xi, pieces = _pieces(degree)
+    local = nodes[cells]
+    if not (np.all(np.isfinite(local)) and np.all(np.isfinite(queries))):
+        # Whoever asks for a distance to such a surface gets one that is not finite.
+        basis = np.full((len(queries), cells.shape[1], 3), np.nan)
+        return np.zeros(len(queries), np.int32), basis
+    points = np.einsum("qj,tjd->tqd", lagrange_basis(degree, xi), local)
+    corners = points[:, pieces].reshape(-1, 3, 3)
+    count = min(CANDIDATES, len(corners))
+    near = KDTree(corners.mean(axis=1)).query(queries, count)[1].reshape(len(queries), count)
+    weights, distance = _on_triangles(queries[:, None], corners[near])
+    best = np.argsort(distance, axis=1, kind="stable")[:, :POLISHED]
+    near = np.take_along_axis(near, best, axis=1)
+    weights = np.take_along_axis(weights, best[..., None], axis=1)
+    cell, piece = np.divmod(near, len(pieces))
+    start = np.einsum("pcv,pcvi->pci", weights, xi[pieces][piece])
+    at = _polished(degree, local[cell], queries[:, None], start)
+    gap = queries[:, None] - np.einsum("pcj,pcjd->pcd", lagrange_basis(degree, at), local[cell])
+    winner = np.argmin(np.sum(gap**2, axis=-1), axis=1)[:, None]
+    cell = np.take_along_axis(cell, winner, axis=1)[:, 0]
+    at = np.take_along_axis(at, winner[..., None], axis=1)[:, 0]
+    basis = np.concatenate(
+        [lagrange_basis(degree, at)[..., None], lagrange_gradients(degree, at)], -1
+    )
+    return cell.astype(np.int32), basis
+
+
+def _degree(local: int) -> int:
+    return next(k for k in (1, 2, 3, 4) if n_local_nodes(k) == local)
+
+
+@ft.cache
+def _pieces(degree: int) -> tuple[np.ndarray, np.ndarray]:
+    """Points of the reference triangle and the flat pieces between them."""
+    n = 1 if degree == 1 else 2 * degree
+    number = {(i, j): k for k, (i, j) in enumerate(_grid(n))}
+    xi = np.array(_grid(n), float) / n
+    up = [(number[i, j], number[i + 1, j], number[i, j + 1]) for i, j in _grid(n - 1)]
+    down = [
+        (number[i + 1, j], number[i + 1, j + 1], number[i, j + 1])
+        for i, j in (_grid(n - 2) if n > 1 else [])
+    ]
+    return xi, np.array(up + down)
+
+
+def _grid(n: int) -> list[tuple[int, int]]:
+    return [(i, j) for j in range(n + 1) for i in range(n + 1 - j)]
+
+
+def _on_triangles(p, corners):
+    """Barycentric coordinates of the point of a flat triangle nearest to p, and the distance."""
+    a, b, c = corners[..., 0, :], corners[..., 1, :], corners[..., 2, :]
+    inside = _in_plane(p - a, b - a, c - a)
+    choices = [inside]
+    for start, end in ((0, 1), (1, 2), (2, 0)):
+        s, e = corners[..., start, :], corners[..., end, :]
+        length2 = np.maximum(np.sum((e - s) ** 2, axis=-1), 1e-300)
+        t = np.clip(np.sum((p - s) * (e - s), axis=-1) / length2, 0.0, 1.0)
+        weights = np.zeros(inside.shape)
+        weights[..., start], weights[..., end] = 1 - t, t
+        choices.append(weights)
+    distances = []
+    for weights in choices:
+        gap = np.linalg.norm(p - np.einsum("...v,...vd->...d", weights, corners), axis=-1)
+        distances.append(np.where(np.all(weights >= 0, axis=-1), gap, np.inf))
+    which = np.argmin(np.stack(distances), axis=0)
+    weights = np.take_along_axis(np.stack(choices), which[None, ..., None], axis=0)[0]
+    return weights, np.take_along_axis(np.stack(distances), which[None], axis=0)[0]
+
+
+def _in_plane(p, u, v):
+    uu, uv, vv = (np.sum(x * y, axis=-1) for x, y in ((u, u), (u, v), (v, v)))
+    pu, pv = np.sum(p * u, axis=-1), np.sum(p * v, axis=-1)
+    det = np.maximum(uu * vv - uv * uv, 1e-300)
+    s, t = (vv * pu - uv * pv) / det, (uu * pv - uv * pu) / det
+    return np.stack([1 - s - t, s, t], axis=-1)
+
+
+def _polished(degree: int, local, p, xi):
+    """Newton's method for the nearest point on a curved cell, kept inside the cell."""
+    if degree == 1:
+        return xi
+    for _ in range(NEWTON_STEPS):
+        slope, hessian = _quadratic(degree, local, p, xi)
+        xi = _inside(xi + np.linalg.solve(hessian, slope[..., None])[..., 0])
+    weights = np.concatenate([1 - xi.sum(axis=-1, keepdims=True), xi], axis=-1)
+    lost = np.argmin(weights, axis=-1)
+    stuck = np.nonzero(np.min(weights, axis=-1) < AT_EDGE)
+    if len(stuck[0]):
+        # The clipped step above ends on the edge, but not at the nearest point of it.
+        p = np.broadcast_to(p, local.shape[:2] + (3,))
+        one = tuple(a[stuck][:, None] for a in (local, p, xi, lost))
+        xi[stuck] = _along_edge(degree, *one)[:, 0]
+    return xi
+
+
+def _along_edge(degree: int, local, p, xi, lost):
+    """The same on the edge where barycentric coordinate `lost` vanishes."""
+    start, end = CORNERS[(lost + 1) % 3], CORNERS[(lost + 2) % 3]
+    along = end - start
+    t = np.sum((xi - start) * along, axis=-1) / np.sum(along**2, axis=-1)
+    for _ in range(NEWTON_STEPS):
+        slope, hessian = _quadratic(degree, local, p, start + t[..., None] * along)
+        bend = np.einsum("pci,pcij,pcj->pc", along, hessian, along)
+        t = np.clip(t + np.sum(slope * along, axis=-1) / bend, 0.0, 1.0)
+    return start + t[..., None] * along
+
+
+def _quadratic(degree: int, local, p, xi):
+    """Downhill slope and a positive Hessian of half the squared distance, by `xi`."""
+    gap = p - np.einsum("pcj,pcjd->pcd", lagrange_basis(degree, xi), local)
+    J = np.einsum("pcji,pcjd->pcid", lagrange_gradients(degree, xi), local)
+    metric = np.einsum("pcid,pckd->pcik", J, J)
+    bent = np.empty_like(metric)
+    for k in range(2):
+        e = STEP * np.eye(2)[k]
+        second = lagrange_gradients(degree, xi + e) - lagrange_gradients(degree, xi - e)
+        bent[..., k] = np.einsum("pcji,pcjd,pcd->pci", second / (2 * STEP), local, gap)
+    hessian = metric - bent
+    # Far away it may be indefinite; the metric alone always descends.
+    convex = (np.linalg.det(hessian) > 0) & (np.trace(hessian, axis1=-2, axis2=-1) > 0)
+    hessian = np.where(convex[..., None, None], hessian, metric)
+    return np.einsum("pcid,pcd->pci", J, gap), hessian
+
+
+def _inside(xi):
+    """The nearest barycentric coordinates without negative entries, rescaled."""
+    weights = np.concatenate([1 - xi.sum(axis=-1, keepdims=True), xi], axis=-1)
+    weights = np.maximum(weights, 0.0)
+    return (weights / weights.sum(axis=-1, keepdims=True))[..., 1:]

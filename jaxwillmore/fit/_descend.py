@@ -1,0 +1,160 @@
+"""Levenberg–Marquardt, one step at a time: every iterate can be seen, kept and resumed from."""
+
+from collections.abc import Callable
+from typing import NamedTuple
+
+import equinox as eqx
+import jax
+import numpy as np
+import optimistix as optx
+from jaxtyping import Array, Bool, Float
+
+from ._results import RESULTS
+
+# Rejected steps in a row after which no step is expected to help.
+PATIENCE = 12
+# Part of the residuals that a linear change of the unknowns may still explain at a minimum, and
+# where rounding or kinks in the distance let no step lower it further.
+STATIONARY, NEARLY_STATIONARY = 1e-5, 1e-3
+
+
+class Aux(eqx.Module):
+    """What residuals say beside their values.
+
+    **Attributes:**
+
+    - `solved`: whether the model has a solution there.
+    - `strain`: how far the model is from its frozen reference.
+    """
+
+    solved: Bool[Array, ""]
+    strain: Float[Array, ""]
+
+
+class Iterate(NamedTuple):
+    """An accepted step."""
+
+    u: Float[Array, " unknowns"]
+    objective: float
+    strain: float
+
+
+class Descent(NamedTuple):
+    """Where a descent ended: unknowns, residuals and their derivative, and why.
+
+    `result` is `None` where the strain ended it: the model wants a new reference.
+    """
+
+    u: Float[Array, " unknowns"]
+    residuals: Float[np.ndarray, " rows"]
+    jacobian: Float[np.ndarray, "rows unknowns"]
+    strain: float
+    result: RESULTS | None
+    steps: int
+
+    @property
+    def objective(self) -> float:
+        """Half the sum of squares."""
+        return 0.5 * float(self.residuals @ self.residuals)
+
+
+def explained(residuals: Float[np.ndarray, " rows"], jacobian: Float[np.ndarray, "rows n"]):
+    """The part of the residuals that a linear change of the unknowns would remove, 0 to 1."""
+    size = float(np.linalg.norm(residuals))
+    if size == 0.0:
+        return 0.0
+    change = np.linalg.lstsq(jacobian, residuals, rcond=1e-8)[0]
+    return float(np.linalg.norm(jacobian @ change)) / size
+
+
+def descend(
+    residuals: Callable[[Float[Array, " unknowns"]], tuple[Float[Array, " rows"], Aux]],
+    u: Float[Array, " unknowns"],
+    *,
+    tolerance: float,
+    max_steps: int,
+    strain_limit: float = np.inf,
+    observer: Callable[[Iterate], None] | None = None,
+    interrupted: Callable[[], bool] = lambda: False,
+) -> Descent:
+    """Lower half the sum of squares of `residuals` from `u` by optimistix's Levenberg–Marquardt.
+
+    **Arguments:**
+
+    - `residuals`: a module; two with the same structure share the compiled step. Where there is no
+      solution it must be large, so that the step is rejected.
+    - `tolerance`: of unknowns and residuals, relative and absolute.
+    - `strain_limit`: an iterate with more strain ends the descent.
+    - `observer`: called with every accepted iterate, the first one included.
+    - `interrupted`: asked after every step whether to stop.
+    """
+    solver = optx.LevenbergMarquardt(rtol=tolerance, atol=tolerance)
+    state = _init(solver, residuals, u)
+    result, taken, accepted = RESULTS.step_limit, 0, u
+    for taken in range(max_steps + 1):
+        accepted, state, _ = _step(solver, residuals, accepted, state)
+        r = np.asarray(state.f_info.residual)
+        if taken == 0 and not bool(state.aux.solved):
+            result = RESULTS.model_failed
+            break
+        if not np.all(np.isfinite(r)):
+            result = RESULTS.not_finite
+            break
+        waited = int(state.num_steps_since_acceptance)
+        if observer is not None and waited == 0:
+            observer(Iterate(accepted, 0.5 * float(r @ r), float(state.aux.strain)))
+        flat = waited == 0 and explained(r, np.asarray(_dense(state.f_info.jac))) < STATIONARY
+        if flat or bool(state.terminate):
+            result = RESULTS.converged
+            break
+        if interrupted():
+            result = RESULTS.interrupted
+            break
+        if waited == 0 and float(state.aux.strain) > strain_limit:
+            result = None
+            break
+        if waited >= PATIENCE or not np.all(np.isfinite(np.asarray(state.y_eval))):
+            result = RESULTS.stalled
+            break
+    r, J = np.asarray(state.f_info.residual), np.asarray(_dense(state.f_info.jac))
+    if (
+        result is not None
+        and bool(result == RESULTS.stalled)
+        and explained(r, J) < NEARLY_STATIONARY
+    ):
+        result = RESULTS.converged
+    return Descent(accepted, r, J, float(state.aux.strain), result, taken)
+
+
+def _call(u, residuals):
+    """The residuals with their derivative as one dense matrix, found once for all its uses.
+
+    The solver also asks for the product with the matrix of its empty first state; that must not
+    lead into the linear solves of an implicit derivative.
+    """
+
+    def twice(u):
+        r, aux = residuals(u)
+        return r, (r, aux)
+
+    here = jax.lax.stop_gradient(u)
+    J, (r, aux) = jax.jacfwd(twice, has_aux=True)(here)
+    return r + J @ (u - here), aux
+
+
+# The state holds the traced derivative, which is compared by identity: the same compiled function
+# must make it for all fits, or each of them would compile the step again.
+@eqx.filter_jit
+def _init(solver, residuals, u):
+    f, aux = jax.eval_shape(residuals, u)
+    return solver.init(_call, u, residuals, {}, f, aux, frozenset())
+
+
+@eqx.filter_jit
+def _step(solver, residuals, u, state):
+    return solver.step(_call, u, residuals, {}, state, frozenset())
+
+
+@eqx.filter_jit
+def _dense(operator):
+    return operator.as_matrix()

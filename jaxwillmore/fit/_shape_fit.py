@@ -1,0 +1,251 @@
+"""ShapeFit: what a shape matching found, and what it cannot know."""
+
+import dataclasses
+from collections.abc import Mapping
+from typing import Any
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float
+
+from ..fem import l2_norm
+from ..mesh import SurfaceMesh
+from ..surface import area
+from ._closest import closest
+from ._descend import Descent
+from ._force_balance import KAPPA_IS_INVISIBLE
+from ._identify import Identification
+from ._pose import Pose
+from ._results import RESULTS
+from ._shape_residuals import ShapeResiduals, Target
+from ._statistics import laplace, patches_of
+from ._unknowns import spoken
+
+
+@dataclasses.dataclass(frozen=True)
+class MatchedShape:
+    r"""The model of one target.
+
+    **Attributes:**
+
+    - `mesh`, `x`: the equilibrium in the place of the target.
+    - `parameters`: `reduced_volume`, `spontaneous_curvature` $H_0R_0$, `tension`
+      $\sigma R_0^2/\kappa$, `pressure` $PR_0^3/\kappa$ of the model, and its `radius` $R_0$ in the
+      units of the target.
+    - `errors`: standard errors of these, infinite where the data do not tell, 0 where held.
+    - `distances`: `rms` and `largest` of the signed distances of the target's nodes to the model,
+      and `largest_back`, that of the model's nodes to the target; in units of the target.
+    - `residual`: the signed distance of every node of the target, positive outside of the model.
+    """
+
+    mesh: SurfaceMesh
+    x: Float[Array, "nodes 3"]
+    parameters: dict[str, float]
+    errors: dict[str, float]
+    distances: dict[str, float]
+    residual: Float[np.ndarray, " points"]
+
+
+@dataclasses.dataclass(frozen=True)
+class ShapeFit:
+    """The end of a shape matching.
+
+    **Attributes:**
+
+    - `shapes`: one for each target.
+    - `identification`: of the free parameters, with motion and size fitted along; intervals as if
+      residuals were independent (Laplace).
+    - `robust`: the same with the covariance that holds when the residuals of neighbouring points
+      depend on each other; read this one where the model is not exactly right.
+    - `rms`: root mean square of the distances that were fitted, over the mean area radius.
+    - `history`: one row per accepted step.
+    - `iterate`: where it ended, as plain numbers; `match_shapes(..., resume=iterate)` goes on.
+    - `on_bound`: labels of parameters that ended on a bound.
+    - `result`, `stats`: why it ended and what it cost.
+    - `residuals`, `u`, `jacobian`: the problem itself, its solution, and the derivative there.
+    """
+
+    shapes: tuple[MatchedShape, ...]
+    identification: Identification
+    robust: Identification
+    rms: float
+    history: tuple[dict[str, float], ...]
+    iterate: "MatchIterate"
+    on_bound: tuple[str, ...]
+    result: RESULTS
+    stats: dict[str, Any]
+    residuals: ShapeResiduals
+    u: Float[Array, " unknowns"]
+    jacobian: Float[np.ndarray, "rows unknowns"]
+
+    @property
+    def succeeded(self) -> bool:
+        """Whether the distance is least at parameters that the data determine."""
+        return bool(self.result == RESULTS.converged)
+
+    def in_words(self) -> tuple[str, ...]:
+        """What these shapes do not tell, one sentence each."""
+        meanings = {label: spoken(label) for label in self.identification.names}
+        return (KAPPA_IS_INVISIBLE, *self.identification.in_words(meanings))
+
+
+@dataclasses.dataclass(frozen=True)
+class MatchIterate:
+    """Parameters and places of all models, as plain numbers."""
+
+    parameters: tuple[dict[str, float], ...]
+    poses: tuple[dict[str, list], ...]
+
+    def to_json(self) -> dict[str, Any]:
+        """Tables of numbers; `from_json` reads them."""
+        return {"parameters": list(self.parameters), "poses": list(self.poses)}
+
+    @staticmethod
+    def from_json(tables: Mapping[str, Any]) -> "MatchIterate":
+        """The inverse of `to_json`.
+
+        **Raises:** `ValueError` for anything that is no iterate.
+        """
+        try:
+            parameters = tuple({k: float(v) for k, v in p.items()} for p in tables["parameters"])
+            poses = tuple(
+                {k: np.asarray(v, float).tolist() for k, v in p.items()} for p in tables["poses"]
+            )
+        except (KeyError, TypeError, AttributeError, ValueError) as error:
+            raise ValueError(f"This is no iterate of a fit: {error!r}.") from error
+        if len(parameters) != len(poses) or not all(
+            set(p) == {"axes", "origin", "size"} for p in poses
+        ):
+            raise ValueError("This is no iterate of a fit: parameters and poses do not match.")
+        return MatchIterate(parameters, poses)
+
+
+def pose_numbers(pose: Pose) -> dict[str, list]:
+    """A pose as plain numbers."""
+    return {k: np.asarray(getattr(pose, k)).tolist() for k in ("axes", "origin", "size")}
+
+
+def pose_of(numbers: Mapping[str, Any]) -> Pose:
+    """The inverse of `pose_numbers`."""
+    return Pose(*(jnp.asarray(numbers[k], float) for k in ("axes", "origin", "size")))
+
+
+@eqx.filter_jit
+def _multipliers(residuals: ShapeResiduals, u, k: int):
+    """Tension and pressure of one model with their derivatives by the unknowns, and its nodes."""
+
+    def numbers(u):
+        found, _, x = residuals.shape(u, k)
+        return jnp.stack([found.tension, found.pressure]), x
+
+    def twice(u):
+        values, x = numbers(u)
+        return values, (values, x)
+
+    slopes, (values, x) = jax.jacfwd(twice, has_aux=True)(u)
+    return values, slopes, x
+
+
+def matched(
+    targets: tuple[Target, ...],
+    residuals: ShapeResiduals,
+    descent: Descent,
+    noise: float | None,
+    rank_tolerance: float,
+    lost: bool,
+) -> tuple[tuple[MatchedShape, ...], Identification, Identification]:
+    """Everything that is said about a solution; no shapes if it is `lost`."""
+    unknowns, u = residuals.unknowns, descent.u
+    found, robust = statistics(targets, residuals, descent, noise, rank_tolerance)
+    shapes = []
+    if lost:
+        return (), found, robust
+    for k, target in enumerate(targets):
+        values, slopes, x = _multipliers(residuals, u, k)
+        p = {name: float(v) for name, v in unknowns.parameters(u, k).items()}
+        p["spontaneous_curvature"] *= float(residuals.sizes[k])
+        motion = unknowns.motion(u, k)
+        radius = float(residuals.models[k].pose.size * jnp.exp(motion[6]))
+        p |= {"tension": float(values[0]), "pressure": float(values[1]), "radius": radius}
+        errors = _errors(residuals, descent, robust, k, np.asarray(slopes), radius)
+        mesh = residuals.models[k].equilibrium.mesh
+        distances, signed = _distances(target, mesh, np.asarray(x))
+        shapes.append(MatchedShape(mesh, x, p, errors, distances, signed))
+    return tuple(shapes), found, robust
+
+
+def statistics(targets, residuals: ShapeResiduals, descent: Descent, noise, rank_tolerance):
+    """Laplace's intervals, and those that allow for residuals which depend on each other."""
+    unknowns, u = residuals.unknowns, descent.u
+    sides = 2 if residuals.both_ways else 1
+    variance = None if noise is None else float((noise / residuals.unit) ** 2)
+    arguments = {
+        "names": unknowns.labels,
+        "values": np.asarray(unknowns.free(u)),
+        "slopes": np.asarray(unknowns.slopes(u)),
+        "count": sides * sum(t.count for t in targets),
+        "variance": variance,
+        "rank_tolerance": rank_tolerance,
+    }
+    r, J = descent.residuals, descent.jacobian
+    found = laplace(r, J, **arguments)
+    return found, laplace(r, J, **arguments, patches=_patches(targets, residuals, u))
+
+
+def _patches(targets, residuals: ShapeResiduals, u) -> np.ndarray:
+    """A patch for every row; patches of different targets differ."""
+    rows, used = [], 0
+    for k, target in enumerate(targets):
+        points = np.asarray(target.points)
+        own = patches_of(points)
+        rows.append(own + used)
+        if residuals.both_ways:
+            x = np.asarray(residuals.shape(u, k)[2])
+            nearest = np.argmin(np.linalg.norm(x[:, None] - points[None], axis=-1), axis=1)
+            rows.append(own[nearest] + used)
+        used += own.max() + 1
+    return np.concatenate(rows)
+
+
+def _errors(residuals, descent, robust: Identification, k: int, slopes, radius) -> dict[str, float]:
+    unknowns = residuals.unknowns
+    place, by_label = unknowns.places[k], robust.standard_errors
+    of = {
+        name: 0.0 if place[i] < 0 else by_label[unknowns.labels[place[i]]]
+        for i, name in enumerate(("reduced_volume", "spontaneous_curvature", "pressure"))
+    }
+    of["spontaneous_curvature"] *= float(residuals.sizes[k])
+    # Multipliers follow the free parameters; motion does not change them.
+    n = len(unknowns.labels)
+    chain = slopes[:, :n] / np.asarray(unknowns.slopes(descent.u))[None]
+    told = np.array([robust.identifiable[label] for label in unknowns.labels], bool)
+    spread = np.sqrt(np.maximum(np.diag(chain @ robust.covariance @ chain.T), 0.0))
+    blind = np.any(np.abs(chain[:, ~told]) > 1e-9, axis=1) if n else np.zeros(2, bool)
+    spread = np.where(blind, np.inf, spread)
+    of["tension"] = float(spread[0])
+    if place[2] < 0:
+        of["pressure"] = float(spread[1])
+    return of
+
+
+def _distances(target: Target, mesh: SurfaceMesh, x: np.ndarray):
+    points, cells = np.asarray(target.x), np.asarray(mesh.cells)
+    signed = _signed(cells, x, points)
+    back = _signed(np.asarray(target.mesh.cells), points, x)
+    field = jnp.asarray(signed)
+    mean = float(l2_norm(target.mesh, target.x, field) / jnp.sqrt(area(target.mesh, target.x)))
+    return {
+        "rms": mean,
+        "largest": float(np.max(np.abs(signed))),
+        "largest_back": float(np.max(np.abs(back))),
+    }, signed
+
+
+def _signed(cells, nodes, points) -> np.ndarray:
+    cell, basis = closest(cells, nodes, points)
+    frame = np.einsum("pji,pjd->pid", basis, nodes[cells[cell]])
+    normal = np.cross(frame[:, 1], frame[:, 2])
+    gap = points - frame[:, 0]
+    return np.copysign(np.linalg.norm(gap, axis=1), np.sum(normal * gap, axis=1))

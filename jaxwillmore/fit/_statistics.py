@@ -1,0 +1,72 @@
+"""The statistics of a nonlinear fit at its minimum."""
+
+import numpy as np
+from jaxtyping import Float, Int
+
+from ._identify import Identification, identify
+
+
+def laplace(
+    residuals: Float[np.ndarray, " rows"],
+    jacobian: Float[np.ndarray, "rows unknowns"],
+    names: tuple[str, ...],
+    values: Float[np.ndarray, " names"],
+    slopes: Float[np.ndarray, " names"],
+    *,
+    count: int,
+    variance: float | None = None,
+    patches: Int[np.ndarray, " rows"] | None = None,
+    rank_tolerance: float = 1e-3,
+) -> Identification:
+    r"""Identification of the first unknowns, with the others, the motion, fitted along.
+
+    The columns of the motion are projected out, so that a parameter which only moves the surface
+    about counts as null.
+
+    **Arguments:**
+
+    - `jacobian`: by all unknowns; the first ones belong to `names`.
+    - `slopes`: derivatives of the named values by their unknowns.
+    - `count`: number of residuals that are no padding.
+    - `variance`: of a residual; left out, it is their mean square over `count` less the number of
+      unknowns.
+    - `patches`: a number for every row. With them the covariance is the one that holds when
+      residuals of the same patch depend on each other (the sandwich of Liang and Zeger), as those
+      of a model that is not exactly right do.
+
+    ??? cite "Reference"
+        Liang, Zeger (1986), *Biometrika* 73, 13–22, equation (7) with independent patches.
+    """
+    n = len(names)
+    own, motion = jacobian[:, :n] / slopes[None], jacobian[:, n:]
+    Q, s, _ = np.linalg.svd(motion, full_matrices=False)
+    Q = Q[:, s > 1e-6 * s[0]] if len(s) else Q
+    own = own - Q @ (Q.T @ own)
+    mean_square = float(residuals @ residuals) / max(count - jacobian.shape[1], 1)
+    scale = mean_square if variance is None else variance
+    found = identify(own, names, values, variance=scale, rank_tolerance=rank_tolerance)
+    if patches is None or scale == 0.0:
+        return found
+    bread = found.covariance / scale
+    groups = np.unique(patches)
+    scores = np.stack([own[patches == g].T @ residuals[patches == g] for g in groups])
+    # Fitted residuals are smaller than true ones: the usual factor for the number of unknowns.
+    factor = len(groups) / max(len(groups) - jacobian.shape[1], 1)
+    sandwich = factor * bread @ (scores.T @ scores) @ bread
+    return found.with_covariance(sandwich)
+
+
+def patches_of(
+    points: Float[np.ndarray, "points 3"], levels: int = 6
+) -> Int[np.ndarray, " points"]:
+    """Numbers of 2^levels patches of equally many points, by halving along the longest extent."""
+    number = np.zeros(len(points), int)
+    for level in range(levels):
+        for patch in range(2**level):
+            (inside,) = np.nonzero(number == patch)
+            if len(inside) < 2:
+                continue
+            axis = np.argmax(np.ptp(points[inside], axis=0))
+            order = inside[np.argsort(points[inside, axis], kind="stable")]
+            number[order[len(order) // 2 :]] += 2**level
+    return number

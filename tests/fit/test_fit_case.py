@@ -1,0 +1,102 @@
+"""Cases of fits: what is read, what is refused, what a folder holds afterwards."""
+
+import json
+
+import numpy as np
+import pytest
+
+from jaxwillmore.cases import CaseError, load_fit, run_fit
+from jaxwillmore.cli import main
+from jaxwillmore.io import write_npz
+
+from .profiles import OBLATE, equilibrium_nodes
+
+CASE = """
+[target]
+file = "cell.npz"
+[model]
+kind = "oblate"
+level = 1
+[fit]
+free = ["reduced_volume"]
+max_steps = 3
+"""
+
+
+def test_a_case_is_complete_and_reads_back_the_same(tmp_path):
+    path = tmp_path / "fit.toml"
+    path.write_text(CASE)
+    task = load_fit(path)
+    assert task.target.file == (str(tmp_path / "cell.npz"),)
+    assert task.fit.free == ("reduced_volume",) and task.fit.shared == ("spontaneous_curvature",)
+    assert load_fit(task.to_toml()) == task
+
+
+@pytest.mark.parametrize(
+    ("tables", "message"),
+    [
+        ({}, r"\[target\] file: is missing"),
+        ({"target": {"file": 3}}, "text in quotes"),
+        ({"target": {"file": "a"}, "flow": {}}, "unknown section"),
+        ({"target": {"file": "a", "scale": 1}}, "unknown key"),
+        ({"target": {"file": "a"}, "fit": {"free": ["bending_modulus"]}}, "a list of"),
+        ({"target": {"file": "a"}, "fit": {"reduced_volume_bounds": [0.9, 0.5]}}, "two rising"),
+        ({"target": {"file": "a"}, "model": {"level": 9}}, "whole number from 1 to 5"),
+        ({"target": {"file": "a"}, "model": 3}, "must be a table"),
+    ],
+)
+def test_what_makes_no_sense_is_refused(tables, message):
+    with pytest.raises(CaseError, match=message):
+        load_fit(tables)
+
+
+@pytest.fixture
+def oblate(tmp_path):
+    mesh, x = equilibrium_nodes(*OBLATE, level=1)
+    write_npz(tmp_path / "cell.npz", mesh, x)
+    return tmp_path
+
+
+def test_forces_are_balanced_into_a_folder(oblate):
+    task = load_fit(
+        {
+            "target": {"file": str(oblate / "cell.npz")},
+            "fit": {"method": "force-balance", "picture": False},
+        }
+    )
+    run = run_fit(task, oblate / "out")
+    assert run.succeeded
+    summary = json.loads((oblate / "out" / "summary.json").read_text())
+    assert summary["parameters"][0]["pressure"] == pytest.approx(OBLATE[2], rel=0.06)
+    assert summary["in_words"][0].startswith("κ is not identifiable")
+    assert (oblate / "out" / "final_0.npz").exists()
+    with pytest.raises(OSError, match="earlier run"):
+        run_fit(task, oblate / "out")
+
+
+@pytest.mark.slow
+def test_the_command_line_matches_reports_and_resumes(oblate, capsys):
+    (oblate / "fit.toml").write_text(CASE)
+    command = ["fit", str(oblate / "fit.toml"), "--out", str(oblate / "out")]
+    assert main(command) == 1  # three steps are not enough, and the exit status says so
+    heard = capsys.readouterr()
+    assert "raise `max_steps`" in heard.err and "step   0" in heard.out
+    first = json.loads((oblate / "out" / "iterate.json").read_text())
+    (oblate / "fit.toml").write_text(CASE.replace("= 3", "= 60"))
+    assert main([*command, "--resume", "--quiet"]) == 0
+    summary = json.loads((oblate / "out" / "summary.json").read_text())
+    found = summary["shapes"][0]["parameters"]["reduced_volume"]
+    before = first["parameters"][0]["reduced_volume"]
+    # The oblate of the shape equations, of reduced volume 0.65 (162 nodes).
+    assert abs(found - 0.65) < min(0.01, abs(before - 0.65) + 0.01)
+    for name in ("overlay_0.png", "residual_0.png", "profile.png", "final_0.npz"):
+        assert (oblate / "out" / name).exists()
+    low, high = summary["intervals_95"]["reduced_volume"]
+    assert low < found < high and np.isfinite(summary["rms_over_R0"])
+
+
+def test_nothing_to_resume_is_said(oblate, capsys):
+    (oblate / "fit.toml").write_text(CASE)
+    command = ["fit", str(oblate / "fit.toml"), "--out", str(oblate / "new"), "--resume"]
+    assert main(command) == 2
+    assert "no fit to resume" in capsys.readouterr().err

@@ -1,0 +1,188 @@
+"""Shape matching: twins, intervals, null directions, likelihood, named ends, refusals."""
+
+from typing import Any
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import jax.random as jr
+import numpy as np
+import pytest
+
+from jaxwillmore import equilibria, mesh as meshes
+from jaxwillmore.fit import MatchIterate, log_likelihood, match_shapes, name_of
+
+from ..helpers import random_rotation
+
+TRUTH = {"reduced_volume": 0.75, "spontaneous_curvature": -0.6}
+# Both 50 % off: the volume by its distance from the sphere.
+START = {"reduced_volume": 0.625, "spontaneous_curvature": -0.3}
+SIZE, SHIFT, ROTATION = 2.5, np.array([1.0, -2.0, 0.5]), random_rotation(jr.key(4))
+
+
+@pytest.fixture(scope="module")
+def twin():
+    """An oblate made on the reference surface that the fit starts with, turned and scaled."""
+    mesh, x = equilibria.spheroid(START["reduced_volume"], "oblate", level=1)
+    unit: dict[str, Any] = {"area": 4 * np.pi}
+    start = equilibria.equilibrium(
+        mesh,
+        x,
+        **unit,
+        reduced_volume=START["reduced_volume"],
+        spontaneous_curvature=START["spontaneous_curvature"],
+        stability=False,
+    )
+    where = lambda p: (p.volume, p.spontaneous_curvature)
+    values = (
+        jnp.asarray(TRUTH["reduced_volume"] * 4 * np.pi / 3),
+        jnp.asarray(TRUTH["spontaneous_curvature"]),
+    )
+    made = equilibria.resolve(start, eqx.tree_at(where, start.parameters, values))
+    return mesh, SIZE * made.x @ ROTATION.T + jnp.asarray(SHIFT)[None], made
+
+
+def near(pose_of_truth):
+    """Half way off in the parameters, and a little in place, turn (0.05) and size (10 %)."""
+    R, origin, size = pose_of_truth
+    g = 0.025
+    turn = np.array([[1 - g**2, -2 * g, 0.0], [2 * g, 1 - g**2, 0.0], [0.0, 0.0, 1 + g**2]])
+    pose = {
+        "axes": (R @ turn / (1 + g**2)).tolist(),
+        "origin": (np.asarray(origin) + 0.1).tolist(),
+        "size": 0.9 * size,
+    }
+    return MatchIterate((START | {"pressure": 0.0},), (pose,))
+
+
+@pytest.fixture(scope="module")
+def fitted(twin):
+    """The mesh leaves its mark on an axisymmetric shape: only near the right turn is the twin."""
+    mesh, x, _ = twin
+    rows = []
+    fit = match_shapes(
+        [(mesh, x)],
+        resume=near((np.asarray(ROTATION), SHIFT, SIZE)),
+        kind="oblate",
+        level=1,
+        new_references=False,
+        throw=False,
+        observer=lambda row, iterate: rows.append((row, iterate)),
+    )
+    return fit, rows
+
+
+def test_a_twin_is_recovered_from_half_way_off(fitted, twin):
+    fit, _ = fitted
+    assert fit.succeeded, name_of(fit.result)
+    shape, made = fit.shapes[0], twin[2]
+    for name, value in TRUTH.items():
+        np.testing.assert_allclose(shape.parameters[name], value, rtol=1e-6)
+    # Tension and pressure are the multipliers of the shape, in units of κ = 1 and R0 = 1.
+    np.testing.assert_allclose(shape.parameters["tension"], made.tension, rtol=1e-6)
+    np.testing.assert_allclose(shape.parameters["pressure"], made.pressure, rtol=1e-6)
+    np.testing.assert_allclose(shape.parameters["radius"], SIZE, rtol=1e-6)
+    assert shape.distances["largest"] < 1e-6 * SIZE
+
+
+def test_the_words_say_that_kappa_is_not_in_a_shape(fitted):
+    fit, _ = fitted
+    assert fit.in_words()[0].startswith("κ is not identifiable")
+    assert all(fit.identification.identifiable.values())
+
+
+def test_every_step_is_seen_and_the_last_is_where_it_ended(fitted):
+    fit, rows = fitted
+    assert len(rows) == len(fit.history) > 3
+    assert rows[-1][0]["rms"] < rows[0][0]["rms"]
+    again = MatchIterate.from_json(fit.iterate.to_json())
+    assert again == fit.iterate
+    assert rows[-1][1].parameters == fit.iterate.parameters
+
+
+@pytest.mark.slow
+def test_likelihood_is_greatest_at_the_truth_and_has_the_right_slope(fitted, twin):
+    """Reverse, forward and difference quotients agree on points that lie off the surface."""
+    fit, _ = fitted
+    rng = np.random.default_rng(0)
+    points = jnp.asarray(np.asarray(twin[1]) + 0.02 * rng.normal(size=(len(twin[1]), 3)))
+    direction = jnp.asarray(rng.normal(size=len(fit.u)))
+
+    @eqx.filter_jit
+    def of(model, u):
+        value = lambda u: log_likelihood(model, u, (points,), jnp.asarray(0.02))
+        return (*jax.value_and_grad(value)(u), jax.jvp(value, (u,), (direction,))[1])
+
+    value, gradient, forward = of(fit.residuals, fit.u)
+    np.testing.assert_allclose(forward, jnp.vdot(gradient, direction), rtol=1e-9)
+    h = 1e-5
+    either = [of(fit.residuals, fit.u + s * h * direction)[0] for s in (1, -1)]
+    np.testing.assert_allclose((either[0] - either[1]) / (2 * h), forward, rtol=1e-4)
+    far = of(fit.residuals, fit.u.at[0].add(-0.2))[0]
+    assert float(far) < float(value) - 10
+
+
+@pytest.mark.slow
+def test_a_bound_in_the_way_is_no_success(twin):
+    mesh, x, _ = twin
+    fit = match_shapes(
+        [(mesh, x)],
+        start=START,
+        kind="oblate",
+        level=1,
+        bounds={"reduced_volume": (0.5, 0.7)},
+        new_references=False,
+        throw=False,
+    )
+    assert not fit.succeeded
+    assert fit.on_bound == ("reduced_volume",) or name_of(fit.result) == "stalled"
+
+
+@pytest.mark.slow
+def test_a_fit_that_runs_out_of_steps_says_so_and_resumes(twin):
+    mesh, x, _ = twin
+    options = {"kind": "oblate", "level": 1, "throw": False}
+    short = match_shapes([(mesh, x)], start=START, max_steps=2, **options)
+    assert name_of(short.result) == "step_limit" and not short.succeeded
+    more = match_shapes([(mesh, x)], resume=short.iterate, max_steps=1, **options)
+    for name in TRUTH:
+        assert more.history[0][name] == pytest.approx(short.history[-1][name], rel=1e-12)
+    with pytest.raises(RuntimeError, match="step_limit"):
+        match_shapes([(mesh, x)], resume=short.iterate, max_steps=1, kind="oblate", level=1)
+
+
+ROUND = meshes.icosphere(0, degree=2)
+
+
+@pytest.mark.parametrize(
+    ("targets", "message"),
+    [
+        ([], "empty"),
+        ([(ROUND[0], -ROUND[1])], "inside out"),
+        ([(ROUND[0], jnp.nan * ROUND[1])], "not finite"),
+        ([(ROUND[0], jnp.zeros((42, 3)))], "flat or a point"),
+        ([meshes.torus(1.0, 0.4, level=0)], "genus 1"),
+        ([(np.array([[0, 1, 2], [0, 2, 3]]), np.eye(4, 3) + 1.0)], "(?i)edge|open|closed"),
+    ],
+)
+def test_wrong_targets_are_refused(targets, message):
+    with pytest.raises(ValueError, match=message):
+        match_shapes(targets)
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        ({"free": ("bending_modulus",)}, "`free` has 'bending_modulus'"),
+        ({"free": ()}, "`free` is empty"),
+        ({"free": ("reduced_volume", "pressure")}, "not both"),
+        ({"free": ("pressure",)}, "needs a value"),
+        ({"start": {"reduced_volume": 1.2}}, "between 0.25 and 0.997"),
+        ({"start": {"tension": 1.2}}, "`start` has 'tension'"),
+        ({"bounds": {"reduced_volume": (0.9, 0.5)}}, "in order"),
+        ({"tolerance": 0.0}, "must be positive"),
+    ],
+)
+def test_wrong_questions_are_refused(options, message):
+    with pytest.raises(ValueError, match=message):
+        match_shapes([(ROUND[0], ROUND[1] * jnp.array([[1.0, 1.0, 1.4]]))], **options)
