@@ -9,9 +9,9 @@ from typing import Any, ClassVar
 
 from ._error import CaseError, shown, suggestion
 from ._examples import example_path, is_example
+from ._keys import check_keys, declare, entries, key_names, unknown_key
 from ._load import _content, _parsed
 from ._rules import Rule, choice, flag, integer, number, optional
-from ._sections import _check_keys, _key, entries, key_names, unknown_key
 from ._toml import emit
 
 
@@ -51,11 +51,11 @@ class TargetCase:
 
     name: ClassVar[str] = "target"
 
-    file: tuple[str, ...] = _key(_texts("meshes: .ply .off .obj .stl .npz, or example:NAME.npz"))
-    fix_orientation: bool = _key(flag("turn triangles so that normals point out"), False)
+    file: tuple[str, ...] = declare(_texts("meshes: .ply .off .obj .stl .npz, or example:NAME.npz"))
+    fix_orientation: bool = declare(flag("turn triangles so that normals point out"), False)
 
     def __post_init__(self):
-        _check_keys(self)
+        check_keys(self)
 
 
 @typing.no_type_check
@@ -69,16 +69,16 @@ class ModelCase:
 
     name: ClassVar[str] = "model"
 
-    kind: str = _key(choice("family of shapes to start in", "prolate", "oblate"), "prolate")
-    level: int = _key(integer("refinement: 1, 2, 3 for 162, 642, 2562 nodes", 1, 5), 2)
-    reduced_volume: float | None = _key(
+    kind: str = declare(choice("family of shapes to start in", "prolate", "oblate"), "prolate")
+    level: int = declare(integer("refinement: 1, 2, 3 for 162, 642, 2562 nodes", 1, 5), 2)
+    reduced_volume: float | None = declare(
         optional(number("start or held value", above=0.2, below=1.0)), None
     )
-    spontaneous_curvature: float = _key(number("H0 R0, start or held value"), 0.0)
-    pressure: float | None = _key(optional(number("P R0^3/kappa, where it is free")), None)
+    spontaneous_curvature: float = declare(number("H0 R0, start or held value"), 0.0)
+    pressure: float | None = declare(optional(number("P R0^3/kappa, where it is free")), None)
 
     def __post_init__(self):
-        _check_keys(self)
+        check_keys(self)
 
 
 @typing.no_type_check
@@ -88,31 +88,33 @@ class FitCase:
 
     name: ClassVar[str] = "fit"
 
-    method: str = _key(
+    method: str = declare(
         choice("by the distance of surfaces, or by forces alone", "match", "force-balance"), "match"
     )
-    free: tuple[str, ...] = _key(
+    free: tuple[str, ...] = declare(
         _texts("parameters to find", "reduced_volume", "spontaneous_curvature", "pressure"),
         ("reduced_volume", "spontaneous_curvature"),
     )
-    shared: tuple[str, ...] = _key(
+    shared: tuple[str, ...] = declare(
         _texts("the same for all targets", "reduced_volume", "spontaneous_curvature", "pressure"),
         ("spontaneous_curvature",),
     )
-    reduced_volume_bounds: tuple[float, float] | None = _key(optional(_pair("allowed range")), None)
-    spontaneous_curvature_bounds: tuple[float, float] | None = _key(
+    reduced_volume_bounds: tuple[float, float] | None = declare(
         optional(_pair("allowed range")), None
     )
-    both_ways: bool = _key(flag("also from the model to the target"), False)
-    noise: float | None = _key(
+    spontaneous_curvature_bounds: tuple[float, float] | None = declare(
+        optional(_pair("allowed range")), None
+    )
+    both_ways: bool = declare(flag("also from the model to the target"), False)
+    noise: float | None = declare(
         optional(number("standard deviation of the nodes of the target", above=0.0)), None
     )
-    tolerance: float = _key(number("of unknowns and residuals", above=0.0), 1e-7)
-    max_steps: int = _key(integer("stop after as many steps", 1), 100)
-    picture: bool = _key(flag("draw overlay, residual and profile"), True)
+    tolerance: float = declare(number("of unknowns and residuals", above=0.0), 1e-7)
+    max_steps: int = declare(integer("stop after as many steps", 1), 100)
+    picture: bool = declare(flag("draw overlay, residual and profile"), True)
 
     def __post_init__(self):
-        _check_keys(self)
+        check_keys(self)
 
 
 FIT_SECTIONS = {kind.name: kind for kind in (TargetCase, ModelCase, FitCase)}
