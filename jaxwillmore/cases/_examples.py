@@ -6,6 +6,7 @@ from ._error import CaseError, shown, suggestion
 
 _FOLDER = pathlib.Path(__file__).parents[1] / "examples"
 _PREFIX = "example:"
+_MESHES = (".npz", ".ply")
 
 
 def example_names() -> list[str]:
@@ -24,9 +25,11 @@ def example_path(source: str) -> pathlib.Path:
     **Raises:** `CaseError` with the nearest name when there is no such example.
     """
     name = source.removeprefix(_PREFIX)
-    known = example_names() + sorted(path.name for path in _FOLDER.glob("*.npz"))
+    known = example_names() + sorted(
+        path.name for path in _FOLDER.iterdir() if path.suffix in _MESHES
+    )
     if name not in known:
         hint = suggestion(name, known)
         problem = f"no example is called {shown(name)}.{hint} Known examples: {', '.join(known)}."
         raise CaseError(problem, got=source, allowed=", ".join(known))
-    return _FOLDER / (name if name.endswith(".npz") else f"{name}.toml")
+    return _FOLDER / (name if name.endswith(_MESHES) else f"{name}.toml")
