@@ -50,16 +50,23 @@ def _parser() -> argparse.ArgumentParser:
     parser.add_argument("--version", action="version", version=f"jaxwillmore {__version__}")
     commands = parser.add_subparsers(required=True, metavar="COMMAND")
 
-    run = commands.add_parser("run", help="run a case file", epilog=_EPILOG)
-    run.add_argument(
-        "case", metavar="CASE.toml", help="a case file, or example:NAME for one of the examples"
-    )
-    run.add_argument("--out", required=True, metavar="DIR", help="folder for everything it leaves")
-    run.add_argument(
-        "--replace", action="store_true", help="replace the files of an earlier run in DIR"
-    )
-    run.add_argument("--quiet", action="store_true", help="print nothing but errors")
-    run.set_defaults(command=_run)
+    for name, command, words in (
+        ("run", _run, "run the flow of a case file"),
+        ("equilibrium", _equilibrium, "find the equilibrium of a case file"),
+        ("branch", _branch, "follow a branch of equilibria of a case file"),
+    ):
+        run = commands.add_parser(name, help=words, epilog=_EPILOG)
+        run.add_argument(
+            "case", metavar="CASE.toml", help="a case file, or example:NAME for one of the examples"
+        )
+        run.add_argument(
+            "--out", required=True, metavar="DIR", help="folder for everything it leaves"
+        )
+        run.add_argument(
+            "--replace", action="store_true", help="replace the files of an earlier run in DIR"
+        )
+        run.add_argument("--quiet", action="store_true", help="print nothing but errors")
+        run.set_defaults(command=command)
 
     check = commands.add_parser("check", help="say what is wrong with a mesh", epilog=_EPILOG)
     check.add_argument("mesh", metavar="MESH", help="a file .ply .off .obj .stl .npz")
@@ -71,15 +78,34 @@ def _parser() -> argparse.ArgumentParser:
 
 
 def _run(args: argparse.Namespace) -> int:
-    from .cases import CaseError, load_case, run_case
+    from .cases import run_case
+
+    return _computed(args, "run", run_case, _flow_closing)
+
+
+def _equilibrium(args: argparse.Namespace) -> int:
+    from .cases import run_equilibrium
+
+    return _computed(args, "equilibrium", run_equilibrium, _equilibrium_closing)
+
+
+def _branch(args: argparse.Namespace) -> int:
+    from .cases import run_branch
+
+    return _computed(args, "branch", run_branch, _branch_closing)
+
+
+def _computed(args: argparse.Namespace, command: Any, compute: Any, closing: Any) -> int:
+    """Load a case, compute, say how it ended; the exit status."""
+    from .cases import CaseError, load_case
     from .io import RunFolderError
     from .mesh import SurfaceError
 
     progress = None if args.quiet else _progress_line(sys.stdout)
     try:
-        case = load_case(args.case)
+        case = load_case(args.case, command)
         existing = "replace" if args.replace else "refuse"
-        run = run_case(case, args.out, existing=existing, progress=progress)
+        run = compute(case, args.out, existing=existing, progress=progress)
     except RunFolderError as error:
         hint = " On the command line: --replace." if "earlier run" in str(error) else ""
         return _complain(f"{error}{hint}", BAD_INPUT)
@@ -89,7 +115,10 @@ def _run(args: argparse.Namespace) -> int:
         return _complain(error, FAILED)
     if progress is not None:
         progress(None)
-        print(_closing(run.summary, run.folder))
+        print(closing(run.summary))
+        for found in run.summary["health"]:
+            print(f"warning: {found['kind']}: {found['message']}")
+        print(f"written to {run.folder}")
     status = run.summary["status"]
     if status == "interrupted":
         return _complain(run.summary["message"], INTERRUPTED)
@@ -155,23 +184,68 @@ def _progress_line(stream) -> Callable[[dict[str, Any] | None], None]:
             print(end="\n" if on_terminal else "", file=stream, flush=True)
         elif now - shown_at >= (0.1 if on_terminal else 5.0):
             shown_at = now
-            show(
-                f"step {record['step']:5d}  t {record['t']:.4g}  dt {record['dt']:.2e}  "
-                f"energy {record['energy']:.6g}  area {record['area']:.5g}  "
-                f"angle >= {record['min_angle']:.1f}  rejected {record['rejected_steps']}"
-            )
+            show(_progress_words(record))
 
     show("preparing the first step (it compiles, which takes a while) ...")
     return progress
 
 
-def _closing(summary: dict[str, Any], folder: object) -> str:
+def _progress_words(record: dict[str, Any]) -> str:
+    """A line about a time step, a pseudo-time step, or a point of a branch."""
+    if "t" in record:
+        return (
+            f"step {record['step']:5d}  t {record['t']:.4g}  dt {record['dt']:.2e}  "
+            f"energy {record['energy']:.6g}  area {record['area']:.5g}  "
+            f"angle >= {record['min_angle']:.1f}  rejected {record['rejected_steps']}"
+        )
+    if "tau" in record:
+        return (
+            f"pseudo-time step {record['step']:3d}  tau {record['tau']:.2e}  "
+            f"E/8πκ {record['energy_over_8pi_kappa']:.6g}  "
+            f"moved {record['largest_displacement']:.2e}"
+            f"{'' if record['accepted'] else '  rejected'}"
+        )
+    (parameter, value), energy = list(record.items())[1], record["bending_over_8pi_kappa"]
+    return (
+        f"point {record['point']:4d}  {parameter} {value:.6g}  E/8πκ {energy:.6g}  "
+        f"negative directions {record['negative_directions']:.0f}  "
+        f"angle >= {record['min_angle']:.1f}"
+    )
+
+
+def _flow_closing(summary: dict[str, Any]) -> str:
     return (
         f"{summary['status']} at t = {summary['t']:.6g} after {summary['steps']} steps "
         f"({summary['rejected_steps']} rejected, {summary['wall_seconds']:.1f} s)\n"
         f"half of the integral of H^2: {summary['willmore']:.8g}, area {summary['area']:.6g}, "
-        f"volume {summary['volume']:.6g}, reduced volume {summary['reduced_volume']:.6f}\n"
-        f"written to {folder}"
+        f"volume {summary['volume']:.6g}, reduced volume {summary['reduced_volume']:.6f}"
+    )
+
+
+def _equilibrium_closing(summary: dict[str, Any]) -> str:
+    return (
+        f"{summary['status']} after {summary['steps']} pseudo-time steps "
+        f"({summary['wall_seconds']:.1f} s)\n{_shape_words(summary)}"
+    )
+
+
+def _branch_closing(summary: dict[str, Any]) -> str:
+    end, name = summary["ended_at"], summary["parameter"]
+    where = "" if end is None else f" at {name} = {end[name]:.6g}"
+    events = "".join(f"\npoint {e['point']}: {e['event']}" for e in summary["events"])
+    return (
+        f"{summary['status']}{where} after {summary['points']} points "
+        f"({summary['wall_seconds']:.1f} s){events}\nlast: {_shape_words(summary)}"
+    )
+
+
+def _shape_words(summary: dict[str, Any]) -> str:
+    negative, of = summary["negative_directions"], summary["multipliers"]
+    stable = "stability not known" if negative is None else f"{negative} negative directions"
+    return (
+        f"E/8πκ {summary['bending_over_8pi_kappa']:.8g}, reduced volume "
+        f"{summary['reduced_volume']:.6f}, {stable}, tension {of['tension']:.6g}, "
+        f"pressure {of['pressure']:.6g}"
     )
 
 

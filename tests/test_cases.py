@@ -1,8 +1,11 @@
 """Case files: what is read is what is meant, what is wrong is named, what is written reads back."""
 
+# pyright: reportOptionalMemberAccess=false
+
 import dataclasses
 import math
 import tomllib
+from typing import Any
 
 import hypothesis
 import hypothesis.strategies as st
@@ -14,6 +17,7 @@ from jaxwillmore.cases import (
     CaseError,
     EnergyCase,
     FlowCase,
+    OsmoticCase,
     OutputCase,
     SurfaceCase,
     TimeCase,
@@ -97,11 +101,13 @@ def test_windows_line_ends_and_byte_order_mark_are_read(tmp_path):
     assert load_case(path).surface.shape == "sphere"
 
 
-@pytest.mark.parametrize("name", ["red_blood_cell", "red_cell", "torus"])
+COMMANDS: dict[str, Any] = {"vesicle": "equilibrium", "discocytes": "branch"}
+
+
+@pytest.mark.parametrize("name", example_names())
 def test_examples_are_valid_cases(name):
-    assert name in example_names()
-    case = load_case(f"example:{name}")
-    assert case.time.t1 > 0
+    case = load_case(f"example:{name}", COMMANDS.get(name, "run"))
+    assert load_case(case.to_toml(), COMMANDS.get(name, "run")) == case
     if case.surface.file is not None:
         assert example_path(case.surface.file).is_file()
 
@@ -152,10 +158,12 @@ def test_what_is_written_reads_back_exactly(
 def test_a_written_case_is_complete():
     tables = tomllib.loads(load_case(SHORT).to_toml())
     for name, kind in {"energy": EnergyCase, "flow": FlowCase, "time": TimeCase}.items():
-        keys = {field.name for field in dataclasses.fields(kind)}
+        # Sections below a section are tables of their own, and absent here.
+        keys = {field.name for field in dataclasses.fields(kind) if "rule" in field.metadata}
         assert set(tables[name]) == keys - {"dt0"}  # follows from the surface unless it is given
     assert {"shape", "level", "degree", "major_radius", "minor_radius"} <= set(tables["surface"])
-    assert tables["output"] == {"every": 1 / 50, "frames": True, "picture": True}
+    checks = {"self_intersection": False, "fatal_warnings": False}
+    assert tables["output"] == {"every": 1 / 50, "frames": True, "picture": True, **checks}
 
 
 @hypothesis.given(
@@ -176,6 +184,57 @@ def test_writing_refuses_what_toml_cannot_say():
         emit({"table": [("key", 1j, "")]})
 
 
+def test_energies_of_the_whole_surface_are_sections_of_their_own():
+    case = load_case("""
+        [surface]
+        shape = "red_cell"  # which has a `thickness` too
+        thickness = 0.9
+        [energy]
+        gaussian_modulus = -0.3
+        [energy.osmotic]
+        solute_amount = 2
+        ambient_concentration = 1.5
+        [energy.area_difference]
+        nonlocal_modulus = 1.0
+        preferred_difference = -0.1
+        thickness = 0.01
+        [energy.area_penalty]
+        stretching_modulus = 3.0
+        [energy.volume_penalty]
+        strength = 4.0
+        preferred_volume = 5.0
+        [constraints]
+        area = "initial"
+        reduced_volume = 0.7
+        ramp = 0.5
+        [time]
+        t1 = 1.0
+    """)
+    energy = case.energy
+    assert energy.osmotic == OsmoticCase(solute_amount=2.0, ambient_concentration=1.5)
+    assert energy.osmotic.temperature == 298.15
+    assert energy.area_difference.thickness == 0.01
+    assert case.surface.parameters["thickness"] == 0.9
+    assert energy.area_penalty.preferred_area == "initial"
+    assert energy.volume_penalty.preferred_volume == 5.0
+    assert load_case(case.to_toml()) == case
+
+
+def test_a_written_case_names_the_sections_it_does_not_have():
+    text = load_case(SHORT).to_toml()
+    assert "# [energy.osmotic] is not set" in text and "solute_amount" in text
+
+
+def test_what_a_case_needs_depends_on_its_command():
+    surface = {"surface": {"shape": "torus"}}
+    assert load_case(surface, "equilibrium").time is None
+    case = load_case({**surface, "branch": {"stop": 0.7}}, "branch")
+    assert case.branch.parameter == "reduced_volume" and case.branch.max_points == 100
+    assert load_case(case.to_toml(), "branch") == case
+    with pytest.raises(CaseError, match=r"\[branch\] is missing"):
+        load_case(surface, "branch")
+
+
 # 3. Refusing.
 
 WRONG = [
@@ -191,6 +250,20 @@ WRONG = [
     ("energy", {"bending_modulus": 10**400}, ["a finite number"]),
     ("energy", {"spontaneous_curvature": math.nan}, ["finite", "nan"]),
     ("energy", {"bending_modolus": 1.0}, ["unknown", "`bending_modulus`"]),
+    ("energy", {"osmotc": {"solute_amount": 1.0}}, ["unknown", "`osmotic`"]),
+    ("energy", {"temperature": 300.0}, ["unknown", "[energy.osmotic]"]),
+    ("constraints", {"area": -1.0}, ["> 0", "got -1"]),
+    ("constraints", {"area": "inital"}, ['"initial"', "'inital'"]),
+    ("constraints", {"area": 1.0, "reduced_volume": 1.1}, ["<= 1", "got 1.1"]),
+    ("constraints", {"area": 1.0, "reduced_volume": 0.0}, ["> 0 and <= 1", "got 0.0"]),
+    ("constraints", {"area": 1.0, "volume": 0.1}, ["<= 0.0940315", "sphere", "got 0.1"]),
+    ("constraints", {"volume": 1.0, "area": 9.0, "reduced_volume": 0.9}, ["either", "not both"]),
+    ("constraints", {"reduced_volume": 0.9}, ["held area"]),
+    ("constraints", {"area": 1.0, "volume": "initial", "ramp": 1.0}, ["a number", "`volume`"]),
+    ("constraints", {"volum": 1.0}, ["unknown", "`volume`"]),
+    ("branch", {"stop": 0.7, "parameter": "volume"}, ['"reduced_volume"']),
+    ("branch", {"stop": 1.5}, ["> 0 and <= 1", "got 1.5"]),
+    ("branch", {"stop": 0.7, "max_point": 3}, ["unknown", "`max_points`"]),
     ("flow", {"kind": "wilmore"}, ['"willmore"', "`willmore`"]),
     ("flow", {"scheme": "linear-implicit"}, ["`linearly-implicit`"]),
     ("flow", {"scheme": 1}, ['"implicit"', "got 1"]),
@@ -250,6 +323,30 @@ def test_a_wrong_key_is_named_with_what_is_allowed(tmp_path, section, keys, word
     for word in words:
         assert word in message, message
     assert error.in_file("my.toml").args[0] == f"my.toml: {message}"
+
+
+WRONG_ENERGIES = [
+    ("osmotic", {"solute_amount": 0, "ambient_concentration": 1.0}, ["solute_amount", "> 0"]),
+    ("osmotic", {"solute_amount": 1.0, "ambient_concentration": 0.0}, ["ambient", "> 0"]),
+    ("osmotic", {"solute_amount": 1.0}, ["ambient_concentration", "missing"]),
+    ("osmotic", {"solut_amount": 1.0}, ["unknown", "`solute_amount`"]),
+    ("osmotic", 3.0, ["table", "[energy.osmotic]"]),
+    ("area_penalty", {"stretching_modulus": -1.0}, ["stretching_modulus", "> 0"]),
+    ("volume_penalty", {"strength": 1.0, "preferred_volume": 0.0}, ["preferred_volume", "> 0"]),
+    (
+        "area_difference",
+        {"nonlocal_modulus": -1.0, "preferred_difference": 0.0, "thickness": 1.0},
+        ["nonlocal_modulus", "> 0"],
+    ),
+]
+
+
+@pytest.mark.parametrize("name, table, words", WRONG_ENERGIES)
+def test_a_wrong_energy_is_named_with_its_section(name, table, words):
+    with pytest.raises(CaseError) as caught:
+        load_case(changed("energy", **{name: table}))
+    for word in [f"[energy.{name}]", *words]:
+        assert word in str(caught.value), str(caught.value)
 
 
 def test_shapes_check_the_number_of_values():

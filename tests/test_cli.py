@@ -71,11 +71,13 @@ def test_help_names_every_command(capsys):
         main(["--help"])
     assert caught.value.code == 0
     text = capsys.readouterr().out
-    for word in ("run", "check", "shapes", "Exit status", "--version"):
+    for word in ("run", "equilibrium", "branch", "check", "shapes", "Exit status", "--version"):
         assert word in text
 
 
-@pytest.mark.parametrize("arguments", [[], ["walk"], ["run"], ["run", "a.toml"], ["check"]])
+@pytest.mark.parametrize(
+    "arguments", [[], ["walk"], ["run"], ["run", "a.toml"], ["check"], ["branch"], ["equilibrium"]]
+)
 def test_a_wrong_command_line_ends_with_2(capsys, arguments):
     with pytest.raises(SystemExit) as caught:
         main(arguments)
@@ -257,3 +259,42 @@ def test_an_interrupted_run_ends_with_130_and_is_complete(tmp_path):
     summary = json.loads((out / "summary.json").read_text(encoding="utf-8"))
     assert summary["status"] == "interrupted" and summary["steps"] >= 1
     assert not (out / ".lock").exists()
+
+
+# 4. Equilibria and branches.
+
+VESICLE = """
+[surface]
+shape = "ellipsoid"
+semi_axes = [1.0, 1.0, 2.0]
+level = 1
+[constraints]
+area = "initial"
+reduced_volume = 0.8
+[branch]
+stop = 0.79
+step0 = 0.02
+[output]
+picture = false
+"""
+
+
+def test_an_equilibrium_and_its_branch_print_their_progress_and_their_end(tmp_path, capsys):
+    (tmp_path / "case.toml").write_text(VESICLE, encoding="utf-8")
+    lines = {}
+    for command in ("equilibrium", "branch"):
+        out = str(tmp_path / command)
+        assert main([command, str(tmp_path / "case.toml"), "--out", out]) == 0
+        text, err = capsys.readouterr()
+        assert err == ""
+        lines[command] = text.splitlines()
+        assert lines[command][0].startswith("preparing") and out in lines[command][-1]
+    assert any(line.startswith("converged after") for line in lines["equilibrium"])
+    assert any("0 negative directions" in line for line in lines["equilibrium"])
+    end = next(line for line in lines["branch"] if line.startswith("end_reached"))
+    assert "reduced_volume = 0.79 after 2 points" in end
+
+
+def test_a_case_without_its_section_ends_with_2(case, tmp_path, capsys):
+    assert main(["branch", case, "--out", str(tmp_path / "out")]) == 2
+    assert_one_clear_line(capsys.readouterr().err, "[branch] is missing")

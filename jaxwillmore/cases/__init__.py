@@ -1,6 +1,19 @@
 """Cases: a TOML file, or the same in Python, that decides a whole run."""
 
+from ._branch import CaseBranch as CaseBranch, run_branch as run_branch
 from ._case import Case as Case
+from ._energy_sections import (
+    AreaDifferenceCase as AreaDifferenceCase,
+    AreaPenaltyCase as AreaPenaltyCase,
+    ConstraintsCase as ConstraintsCase,
+    EnergyCase as EnergyCase,
+    OsmoticCase as OsmoticCase,
+    VolumePenaltyCase as VolumePenaltyCase,
+)
+from ._equilibrium import (
+    CaseEquilibrium as CaseEquilibrium,
+    run_equilibrium as run_equilibrium,
+)
 from ._error import CaseError as CaseError
 from ._examples import (
     example_names as example_names,
@@ -10,8 +23,7 @@ from ._examples import (
 from ._load import load_case as load_case
 from ._run import CaseRun as CaseRun, run_case as run_case
 from ._sections import (
-    ConstraintsCase as ConstraintsCase,
-    EnergyCase as EnergyCase,
+    BranchCase as BranchCase,
     FlowCase as FlowCase,
     OutputCase as OutputCase,
     SurfaceCase as SurfaceCase,

@@ -34,6 +34,11 @@ def shown(value: object) -> str:
     return text if len(text) <= 80 else text[:77] + "..."
 
 
+def is_nearly(word: str, known: Iterable[str]) -> bool:
+    """Whether a word is most likely a slip for one of the known ones."""
+    return bool(difflib.get_close_matches(word, list(known), n=1, cutoff=0.9))
+
+
 def suggestion(word: str, known: Iterable[str]) -> str:
     """` Did you mean …?` for the nearest known word, or nothing."""
     nearest = difflib.get_close_matches(word, list(known), n=1, cutoff=0.5)

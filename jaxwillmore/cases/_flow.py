@@ -1,6 +1,9 @@
 """The flow that a case asks for."""
 
-from ..energies import Pressure, SurfaceTension
+import equinox as eqx
+import jax.numpy as jnp
+from jaxtyping import Array, Float
+
 from ..flows import (
     AbstractFlow,
     Loaded,
@@ -12,11 +15,33 @@ from ..flows import (
 from ..mesh import SurfaceMesh
 from ..surface import area, volume
 from ._case import Case
+from ._energies import global_energy
+from ._energy_sections import ball_volume, check_isoperimetric
 from ._error import CaseError
+
+# Above this reduced volume the gradients of area and volume are too nearly parallel to leave from.
+ROUND = 0.998
+
+
+class Ramp(eqx.Module):
+    """A number that goes linearly in time from one value to another, and stays there."""
+
+    start: Float[Array, ""]
+    end: Float[Array, ""]
+    t0: Float[Array, ""]
+    duration: Float[Array, ""]
+
+    def __init__(self, start, end, t0, duration):
+        self.start, self.end = jnp.asarray(start, float), jnp.asarray(end, float)
+        self.t0, self.duration = jnp.asarray(t0, float), jnp.asarray(duration, float)
+
+    def __call__(self, t) -> Float[Array, ""]:
+        part = jnp.clip((t - self.t0) / self.duration, 0.0, 1.0)
+        return self.start + part * (self.end - self.start)
 
 
 def flow_of(case: Case, mesh: SurfaceMesh, x) -> AbstractFlow:
-    """The law of `[flow]` with the energy, the loads and the constraints of the case.
+    """The law of `[flow]` with the energies and the constraints of the case.
 
     **Raises:** `CaseError` for constraints that no surface satisfies, that the start does not
     satisfy, or that the scheme or the law does not have.
@@ -24,21 +49,19 @@ def flow_of(case: Case, mesh: SurfaceMesh, x) -> AbstractFlow:
     flow = _law(case)
     if case.flow.tangential == "minimal-deformation":
         flow = MinimalDeformation(flow)
-    held = {
-        "area": _held(case, "area", float(area(mesh, x))),
-        "volume": _held(case, "volume", float(volume(mesh, x))),
-    }
-    if not any((case.energy.tension, case.energy.pressure, *held.values())):
+    held_area = _held_area(case, float(area(mesh, x)))
+    held_volume = _held_volume(case, float(area(mesh, x)), float(volume(mesh, x)))
+    loads = global_energy(case, mesh, x)
+    if loads is None and held_area is None and held_volume is None:
         return flow
     if case.flow.scheme != "implicit":
         problem = (
-            'constraints, tension and pressure need scheme = "implicit"; the linearly implicit '
-            "scheme has no unknowns for them."
+            'constraints and energies of the whole surface need scheme = "implicit"; the linearly '
+            "implicit scheme has no unknowns for them."
         )
         raise CaseError(problem, section="flow", key="scheme", got=case.flow.scheme)
-    loads = SurfaceTension(case.energy.tension) + Pressure(case.energy.pressure)
     try:
-        return Loaded(flow, loads, fixed_area=held["area"], fixed_volume=held["volume"])
+        return Loaded(flow, loads, fixed_area=held_area, fixed_volume=held_volume)
     except ValueError as error:
         raise CaseError(str(error), section="constraints") from error
 
@@ -57,17 +80,49 @@ def _law(case: Case) -> AbstractFlow:
     return SurfaceDiffusion(consistency=flow.consistency)
 
 
-def _held(case: Case, key: str, now: float) -> float | None:
-    """The value to hold, or `None`; a flow starts on its constraints."""
-    target = getattr(case.constraints, key)
-    if target is None:
-        return None
-    if target == "initial":
-        return now
+def _held_area(case: Case, now: float) -> float | None:
+    """The area to hold, or `None`; a flow starts on its constraints."""
+    target = case.constraints.area
+    if target is None or isinstance(target, str):  # "initial"
+        return None if target is None else now
     if abs(target / now - 1) > 1e-6:
         problem = (
-            f"the start has the {key} {now:.10g}, not {target:.10g}; a flow starts on its "
+            f"the start has the area {now:.10g}, not {target:.10g}; a flow starts on its "
             'constraints. Scale the surface, or write "initial".'
         )
-        raise CaseError(problem, section="constraints", key=key, got=target)
+        raise CaseError(problem, section="constraints", key="area", got=target)
     return target
+
+
+def _held_volume(case: Case, area_now: float, now: float) -> float | Ramp | None:
+    """The volume to hold or to go to, or `None`."""
+    constraints = case.constraints
+    key = "volume" if constraints.reduced_volume is None else "reduced_volume"
+    given = getattr(constraints, key)
+    if given is None or isinstance(given, str):  # "initial"
+        return None if given is None else now
+    target = given if key == "volume" else given * ball_volume(area_now)
+    if constraints.area is not None:
+        check_isoperimetric(area_now, target)
+    if constraints.ramp is None:
+        if abs(target / now - 1) <= 1e-6:
+            return target
+        has = now if key == "volume" else now / ball_volume(area_now)
+        problem = (
+            f"the start has {key} {has:.10g}, not {given:.10g}; a flow starts on its "
+            'constraints. Add `ramp`, the time in which the volume goes there, or write "initial".'
+        )
+        raise CaseError(problem, section="constraints", key=key, got=given)
+    if case.time is not None and constraints.ramp > case.time.t1 - case.time.t0:
+        allowed = f"<= t1 - t0 = {case.time.t1 - case.time.t0:g}, or the volume does not arrive"
+        problem = f"must be {allowed}; got {constraints.ramp:g}."
+        raise CaseError(problem, section="constraints", key="ramp", allowed=allowed)
+    round_start = constraints.area is not None and now > ROUND * ball_volume(area_now)
+    if round_start and target < now:
+        problem = (
+            "the start is a sphere, from which no small displacement keeps the area and lowers "
+            "the volume; start from an ellipsoid or another shape that is not round."
+        )
+        raise CaseError(problem, section="constraints", key=key, got=given)
+    t0 = 0.0 if case.time is None else case.time.t0
+    return Ramp(now, target, t0, constraints.ramp)

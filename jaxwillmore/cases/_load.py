@@ -5,17 +5,23 @@ import os
 import pathlib
 import tomllib
 from collections.abc import Mapping
-from typing import Any
+from typing import Any, Literal
 
+from ..shapes import SHAPES
 from ._case import SECTIONS, Case
-from ._error import CaseError, shown, suggestion
+from ._error import CaseError, is_nearly, shown, suggestion
 from ._examples import example_path, is_example
-from ._sections import SurfaceCase, key_names, unknown_key
+from ._keys import key_names, unknown_key
+from ._sections import SurfaceCase
 
 _MAX_BYTES = 2**20
+_NEEDED = {"run": ("surface", "time"), "equilibrium": ("surface",), "branch": ("surface", "branch")}
 
 
-def load_case(source: str | os.PathLike[str] | Mapping[str, Any]) -> Case:
+def load_case(
+    source: str | os.PathLike[str] | Mapping[str, Any],
+    command: Literal["run", "equilibrium", "branch"] = "run",
+) -> Case:
     """Read and check a case.
 
     **Arguments:**
@@ -23,6 +29,8 @@ def load_case(source: str | os.PathLike[str] | Mapping[str, Any]) -> Case:
     - `source`: the path of a TOML file; `example:NAME` for one that comes with the package; TOML
       text (anything with a line break in it); or the tables themselves. Where the surface is a
       mesh file, its path is relative to the folder of the case file.
+    - `command`: what the case is for: `"run"` needs a section `[time]`, `"branch"` a section
+      `[branch]`.
 
     **Raises:** `CaseError` naming file, section, key, the value got and what is allowed.
 
@@ -31,12 +39,12 @@ def load_case(source: str | os.PathLike[str] | Mapping[str, Any]) -> Case:
     ```
     """
     if isinstance(source, Mapping):
-        return _case(source, pathlib.Path())
+        return _case(source, pathlib.Path(), command)
     source = os.fspath(source)
     is_text = "\n" in source
     path = example_path(source) if is_example(source) else pathlib.Path("" if is_text else source)
     try:
-        return _case(_parsed(source if is_text else _content(path)), path.parent)
+        return _case(_parsed(source if is_text else _content(path)), path.parent, command)
     except CaseError as error:
         raise error.in_file("case text" if is_text else str(path)) from None
 
@@ -66,14 +74,12 @@ def _parsed(content: str) -> dict[str, Any]:
         raise CaseError(f"is not valid TOML: {error}.") from None
 
 
-def _case(tables: Mapping[str, Any], folder: pathlib.Path) -> Case:
+def _case(tables: Mapping[str, Any], folder: pathlib.Path, command: str) -> Case:
     for name, table in tables.items():
-        if name not in SECTIONS:
+        if name not in SECTIONS or "." in name:
             raise _unknown_section(name, table)
-        if not isinstance(table, Mapping):
-            problem = f"must be a table: a line [{name}] with its keys below; got {shown(table)}."
-            raise CaseError(problem, section=name, got=table)
-    for name in ("surface", "time"):
+        _check_table(name, table)
+    for name in _NEEDED[command]:
         if name not in tables:
             raise CaseError(f"the section [{name}] is missing.", section=name)
     sections: dict[str, Any] = {
@@ -82,27 +88,45 @@ def _case(tables: Mapping[str, Any], folder: pathlib.Path) -> Case:
     return Case(**sections)
 
 
+def _check_table(name: str, table: object) -> None:
+    if not isinstance(table, Mapping):
+        problem = f"must be a table: a line [{name}] with its keys below; got {shown(table)}."
+        raise CaseError(problem, section=name, got=table)
+
+
 def _section(name: str, table: Mapping[str, Any], folder: pathlib.Path):
     kind = SECTIONS[name]
     if kind is SurfaceCase:
         return _surface(dict(table), folder)
     known = key_names(kind)
-    for key in table:
-        if key not in known:
-            raise _misplaced(name, key) or unknown_key(name, key, known)
+    # Sections below this one: [energy.osmotic] is the key `osmotic` of [energy].
+    below = [full.removeprefix(f"{name}.") for full in SECTIONS if full.startswith(f"{name}.")]
+    values: dict[str, Any] = {}
+    for key, value in table.items():
+        if key in below:
+            _check_table(f"{name}.{key}", value)
+            values[key] = _section(f"{name}.{key}", value, folder)
+        elif key in known:
+            values[key] = value
+        else:
+            elsewhere = None if is_nearly(key, known) else _misplaced(name, key)
+            raise elsewhere or unknown_key(name, key, known + below)
     for field in dataclasses.fields(kind):
         if field.default is dataclasses.MISSING and field.name not in table:
             allowed = field.metadata["rule"].allowed
             problem = f"is missing; it must be {allowed}."
             raise CaseError(problem, section=name, key=field.name, allowed=allowed)
-    return kind(**table)
+    return kind(**values)
 
 
 def _surface(table: dict[str, Any], folder: pathlib.Path) -> SurfaceCase:
     own = key_names(SurfaceCase)
     parameters = {key: value for key, value in table.items() if key not in own}
+    shape = table.get("shape")
+    spec = SHAPES.get(shape) if isinstance(shape, str) else None
+    own_of_shape = {} if spec is None else spec.parameters
     for key in parameters:
-        if misplaced := _misplaced("surface", key):
+        if key not in own_of_shape and (misplaced := _misplaced("surface", key)):
             raise misplaced
     given = {key: value for key, value in table.items() if key in own}
     file = given.get("file")
@@ -123,6 +147,7 @@ def _misplaced(section: str, key: str) -> CaseError | None:
 def _unknown_section(name: str, table: object) -> CaseError:
     if not isinstance(table, Mapping) and (home := _misplaced("", name)):
         return CaseError(f"the key `{name}` stands before any section; {home.problem[13:]}")
-    hint = suggestion(name, SECTIONS)
-    problem = f"unknown section.{hint} Known sections: {', '.join(SECTIONS)}."
-    return CaseError(problem, section=name, allowed=", ".join(SECTIONS))
+    known = [section for section in SECTIONS if "." not in section]
+    hint = suggestion(name, known)
+    problem = f"unknown section.{hint} Known sections: {', '.join(known)}."
+    return CaseError(problem, section=name, allowed=", ".join(known))

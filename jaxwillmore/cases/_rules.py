@@ -36,18 +36,24 @@ def _integer(value: object) -> int:
 
 
 def number(
-    meaning: str, *, above: float = -math.inf, at_least: float = -math.inf, below: float = math.inf
+    meaning: str,
+    *,
+    above: float = -math.inf,
+    at_least: float = -math.inf,
+    below: float = math.inf,
+    at_most: float = math.inf,
 ) -> Rule:
-    """A finite number, strictly `above` and `below`, or `at_least` some bound."""
+    """A finite number, strictly `above` and `below`, or `at_least` and `at_most` some bound."""
 
     def convert(value):
         x = _number(value)
-        if not (x > above and x >= at_least and x < below):
+        if not (above < x < below and at_least <= x <= at_most):
             raise ValueError
         return x
 
     bounds = [f"> {above:g}"] * (above > -math.inf) + [f">= {at_least:g}"] * (at_least > -math.inf)
     bounds += [f"< {below:g}"] * (below < math.inf)
+    bounds += [f"<= {at_most:g}"] * (at_most < math.inf)
     return Rule(" ".join(["a finite number", " and ".join(bounds)]).strip(), convert, meaning)
 
 
@@ -90,9 +96,9 @@ def choice(meaning: str, *words: str) -> Rule:
     return Rule("one of " + ", ".join(f'"{word}"' for word in words), convert, meaning)
 
 
-def number_or(meaning: str, word: str, *, above: float = -math.inf) -> Rule:
+def number_or(meaning: str, word: str, **bounds: float) -> Rule:
     """A number as in `number`, or one word."""
-    rule = number(meaning, above=above)
+    rule = number(meaning, **bounds)
 
     def convert(value):
         return word if value == word else rule.convert(value)

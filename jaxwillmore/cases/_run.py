@@ -4,22 +4,32 @@ import dataclasses
 import os
 import pathlib
 import time
-import warnings
 from collections.abc import Callable
-from typing import Any, Literal
+from typing import Any
 
-import equinox as eqx
-from jaxtyping import Array, Float
+from jaxtyping import Array
 
-from ..evolve import Solution, State, evolve
-from ..io import RunFolder, RunFolderError, read_history
+from ..evolve import RESULTS, Solution, State, evolve, message, name_of
+from ..health import HealthWarning, health_warnings
+from ..io import RunFolder, read_history
 from ..mesh import SurfaceMesh
-from ..plot import PlotError, history_picture, surface_picture
-from ..surface import nodal_weingarten_squared
+from ..plot import history_picture, surface_picture
 from ._case import Case
-from ._flow import flow_of
-from ._start import starting_surface
-from ._summary import first_record, reference_energies, row_of, summary_of
+from ._error import CaseError
+from ._flow import Ramp, flow_of
+from ._output import UNHEALTHY, Existing, gaussian_curvature, open_folder, pictures
+from ._start import Start, starting_surface
+from ._summary import (
+    end_of_flow,
+    first_record,
+    health_of,
+    provenance,
+    reference_energies,
+    row_of,
+    warnings_of,
+)
+
+_ENERGY_TOLERANCE = 1e-5
 
 
 @dataclasses.dataclass(frozen=True)
@@ -32,22 +42,22 @@ class CaseRun:
 
     @property
     def succeeded(self) -> bool:
-        """Whether the end time or a stationary shape was reached."""
-        return self.solution.succeeded
+        """Whether the end time or a stationary shape was reached, in good health if that counts."""
+        return self.solution.succeeded and self.summary["status"] != UNHEALTHY
 
 
 def run_case(
     case: Case,
     out: str | os.PathLike[str],
     *,
-    existing: Literal["refuse", "replace"] = "refuse",
+    existing: Existing = "refuse",
     progress: Callable[[dict[str, Any]], None] | None = None,
 ) -> CaseRun:
     """Run a case and leave case, history, frames, final state, summary and pictures in a folder.
 
     Everything is written as soon as it exists. A run that fails, or is interrupted by Ctrl-C or
     SIGTERM, keeps its frames, its history and the last good state; `summary["status"]` and
-    `summary["message"]` say why it stopped.
+    `summary["message"]` say why it stopped, `summary["health"]` what speaks against the result.
 
     **Arguments:**
 
@@ -63,12 +73,44 @@ def run_case(
     ```
     """
     began = time.perf_counter()
+    if case.time is None:
+        raise CaseError("the section [time] is missing.", section="time")
     start = starting_surface(case)
     flow = flow_of(case, start.mesh, start.x)
-    with _folder(out, existing) as folder:
+    with open_folder(out, existing) as folder:
         folder.write_text("case.toml", case.to_toml())
         recorder = _Recorder(case, folder, flow, start.mesh, progress)
-        solution = evolve(
+        solution = _evolved(case, flow, start, recorder)
+        last = solution.state
+        recorder.finish(last)
+        folder.write_final(start.mesh, last.x, frame_fields(start.mesh, last))
+        rows = read_history(folder.history.path)
+        found = recorder.fatal or warnings_of(case, start.mesh, last.x, last.H)
+        status, words = name_of(solution.result), message(solution.result)
+        if found and case.output.fatal_warnings:
+            status, words = UNHEALTHY, found[0].message
+        summary = {
+            "status": status,
+            "message": words,
+            "t": last.t,
+            **recorder.counts(solution.stats),
+            **end_of_flow(case, start.mesh, last, rows),
+            "health": health_of(found),
+            **provenance(time.perf_counter() - began),
+        }
+        folder.write_summary(summary)
+        if case.output.picture:
+            with pictures():
+                _draw(folder, solution, recorder.first, rows, summary)
+    return CaseRun(folder.path, summary, solution)
+
+
+def _evolved(case: Case, flow, start: Start, recorder: "_Recorder") -> Solution:
+    assert case.time is not None
+    # A prescribed change of volume does work: the energy may rise.
+    ramping = isinstance(getattr(flow, "fixed_volume", None), Ramp)
+    try:
+        return evolve(
             flow,
             start.mesh,
             start.x,
@@ -85,16 +127,18 @@ def run_case(
             throw=False,
             observer=recorder.step,
             on_save=recorder.save,
+            energy_tolerance=None if ramping else _ENERGY_TOLERANCE,
         )
-        last = solution.state
-        recorder.finish(last)
-        folder.write_final(start.mesh, last.x, frame_fields(start.mesh, last))
-        rows = read_history(folder.history.path)
-        summary = summary_of(case, solution, rows, time.perf_counter() - began)
-        folder.write_summary(summary)
-        if case.output.picture:
-            _draw(folder, solution, rows, summary)
-    return CaseRun(folder.path, summary, solution)
+    except _Unhealthy as end:
+        return Solution(start.mesh, (), end.state, (), (), RESULTS.interrupted, {})
+
+
+class _Unhealthy(Exception):
+    """Ends a run at the first state with a warning."""
+
+    def __init__(self, state: State):
+        Exception.__init__(self)
+        self.state = state
 
 
 class _Recorder:
@@ -104,19 +148,40 @@ class _Recorder:
         self._case, self._folder, self._flow, self._mesh = case, folder, flow, mesh
         self._progress = progress
         self._rejected_steps = 0
+        self._iterations = [0, 0]
+        self._steps = 0
         self._last_frame: float | None = None
+        self.first: State | None = None
+        self.fatal: tuple[HealthWarning, ...] = ()
 
     def step(self, record: dict[str, Any], state: State) -> None:
         """A line of history; rejections are counted from the start of the run."""
         self._rejected_steps += record["rejected_steps"]
+        self._steps = record["step"]
+        self._iterations[0] += record["newton_iterations"]
+        self._iterations[1] += record["krylov_iterations"]
         row = row_of(record | {"rejected_steps": self._rejected_steps})
         self._folder.append_history(row)
         if self._progress is not None:
             self._progress(row)
+        if self._case.output.fatal_warnings:
+            self.fatal = health_warnings(self._mesh, state.x, state.H)
+            if self.fatal:
+                raise _Unhealthy(state)
+
+    def counts(self, stats: dict[str, Any]) -> dict[str, int]:
+        """Steps and iterations: of the whole run, or of its accepted steps where it was ended."""
+        return {
+            "steps": self._steps,
+            "rejected_steps": stats.get("rejected_steps", self._rejected_steps),
+            "newton_iterations": stats.get("newton_iterations", self._iterations[0]),
+            "krylov_iterations": stats.get("linear_iterations", self._iterations[1]),
+        }
 
     def save(self, state: State) -> None:
         """A frame; the first one comes before the first step and starts the history too."""
         if self._last_frame is None:
+            self.first = state
             self._folder.append_history(row_of(first_record(self._flow, self._mesh, state)))
         self._last_frame = state.t
         if self._case.output.frames:
@@ -133,49 +198,26 @@ def frame_fields(mesh: SurfaceMesh, state: State) -> dict[str, Array]:
     """What a frame shows: H, K, the normal, and the velocity (NaN before the first step)."""
     return {
         "H": state.H,
-        "K": _gaussian_curvature(mesh, state.x, state.H, state.nu),
+        "K": gaussian_curvature(mesh, state.x, state.H, state.nu),
         "normal": state.nu,
         "velocity": state.V[:, None] * state.nu,
     }
 
 
-@eqx.filter_jit
-def _gaussian_curvature(
-    mesh: SurfaceMesh,
-    x: Float[Array, "nodes 3"],
-    H: Float[Array, " nodes"],
-    nu: Float[Array, "nodes 3"],
-) -> Float[Array, " nodes"]:
-    """K = ½(H² − |A|²), node by node."""
-    return 0.5 * (H**2 - nodal_weingarten_squared(mesh, x, nu))
-
-
-def _folder(out: str | os.PathLike[str], existing: Literal["refuse", "replace"]) -> RunFolder:
-    parent = pathlib.Path(out).parent
-    try:
-        parent.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise RunFolderError(f"cannot make the folder `{parent}`: {error.strerror}.") from error
-    return RunFolder(out, existing)
-
-
-def _draw(folder: RunFolder, solution: Solution, rows, summary: dict[str, Any]) -> None:
-    """Pictures are a help: a run without them is a good run, and says so."""
-    first, last = solution.saved[0], solution.state
+def _draw(folder: RunFolder, solution: Solution, first: State | None, rows, summary) -> None:
+    last = solution.state
+    assert first is not None
+    surface_picture(
+        folder.file("final.png"),
+        solution.mesh,
+        last.x,
+        last.H,
+        field_name="H",
+        caption=f"t = {last.t:.4g},  ½∫H² = {summary['willmore']:.6g}",
+        start=first.x,
+        start_field=first.H,
+        start_caption=f"t = {first.t:.4g},  ½∫H² = {summary['start']['willmore']:.6g}",
+    )
+    reference = reference_energies(solution.mesh.genus)
     title = f"{summary['status'].replace('_', ' ')} at t = {last.t:.4g}"
-    try:
-        surface_picture(
-            folder.file("final.png"),
-            solution.mesh,
-            last.x,
-            last.H,
-            field_name="H",
-            caption=f"t = {last.t:.4g},  ½∫H² = {summary['willmore']:.6g}",
-            start=first.x,
-            start_field=first.H,
-            start_caption=f"t = {first.t:.4g},  ½∫H² = {summary['start']['willmore']:.6g}",
-        )
-        reference = reference_energies(solution.mesh.genus)
-        history_picture(folder.file("history.png"), rows, reference=reference, title=title)
-    except PlotError as error:
-        warnings.warn(f"no picture: {error}", UserWarning, stacklevel=3)
+    history_picture(folder.file("history.png"), rows, reference=reference, title=title)

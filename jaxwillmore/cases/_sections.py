@@ -12,6 +12,7 @@ from typing import Any, ClassVar
 
 from ..shapes import SHAPES, shape_parameters
 from ._error import CaseError, shown, suggestion
+from ._keys import check_keys, declare, entries, key_names, unknown_key
 from ._rules import (
     Rule,
     apply,
@@ -19,7 +20,6 @@ from ._rules import (
     flag,
     integer,
     number,
-    number_or,
     numbers_like,
     optional,
     refused,
@@ -27,36 +27,6 @@ from ._rules import (
 )
 
 _MAX_FRAMES = 100_000
-
-
-def _key(rule: Rule, default: Any = dataclasses.MISSING) -> Any:
-    if default is dataclasses.MISSING:
-        return dataclasses.field(metadata={"rule": rule})
-    return dataclasses.field(default=default, metadata={"rule": rule})
-
-
-def _check_keys(section) -> None:
-    """Put every key into its final type, or raise `CaseError`."""
-    for field in _fields(section):
-        value = apply(
-            field.metadata["rule"], section.name, field.name, getattr(section, field.name)
-        )
-        object.__setattr__(section, field.name, value)
-
-
-def key_names(kind) -> list[str]:
-    """The keys of a section; for the surface, those that every shape has."""
-    return [field.name for field in _fields(kind)]
-
-
-def _fields(section) -> list[dataclasses.Field]:
-    return [field for field in dataclasses.fields(section) if "rule" in field.metadata]
-
-
-def entries(section) -> list[tuple[str, object, str]]:
-    """Keys, values and meanings of a section, in the order in which a case file has them."""
-    rules = {field.name: field.metadata["rule"] for field in _fields(section)}
-    return [(key, getattr(section, key), rule.meaning) for key, rule in rules.items()]
 
 
 @typing.no_type_check
@@ -70,18 +40,20 @@ class SurfaceCase:
 
     name: ClassVar[str] = "surface"
 
-    shape: str | None = _key(optional(text("generator; `jaxwillmore shapes` lists them")), None)
-    file: str | None = _key(optional(text("mesh: .ply .off .obj .stl .npz")), None)
-    level: int | None = _key(optional(integer("uniform refinements", 0, 7)), None)
-    degree: int = _key(integer("polynomial degree of the triangles", 1, 4), 2)
-    merge_tolerance: float | None = _key(
+    shape: str | None = declare(optional(text("generator; `jaxwillmore shapes` lists them")), None)
+    file: str | None = declare(optional(text("mesh: .ply .off .obj .stl .npz")), None)
+    level: int | None = declare(optional(integer("uniform refinements", 0, 7)), None)
+    degree: int = declare(integer("polynomial degree of the triangles", 1, 4), 2)
+    merge_tolerance: float | None = declare(
         optional(number("file only: vertices closer than this are one", at_least=0.0)), None
     )
-    fix_orientation: bool = _key(flag("file only: turn triangles so that normals point out"), False)
+    fix_orientation: bool = declare(
+        flag("file only: turn triangles so that normals point out"), False
+    )
     parameters: Mapping[str, Any] = dataclasses.field(default_factory=dict)
 
     def __post_init__(self):
-        _check_keys(self)
+        check_keys(self)
         if (self.shape is None) == (self.file is None):
             both = "both are given" if self.shape is not None else "neither is given"
             raise CaseError(f"needs either `shape` or `file`; {both}.", section=self.name)
@@ -125,48 +97,12 @@ class SurfaceCase:
 
 @typing.no_type_check
 @dataclasses.dataclass(frozen=True, kw_only=True)
-class EnergyCase:
-    """The energy ∫ b (H − H₀)² with H = κ₁ + κ₂."""
-
-    name: ClassVar[str] = "energy"
-
-    bending_modulus: float = _key(
-        number("b in the energy ∫ b (H − H0)²; ½∫H² is 0.5", above=0.0), 0.5
-    )
-    spontaneous_curvature: float = _key(number("H0, for the sum of the two curvatures"), 0.0)
-    tension: float = _key(number("σ in + σ · area"), 0.0)
-    pressure: float = _key(number("P in − P · volume; inside minus outside"), 0.0)
-
-    def __post_init__(self):
-        _check_keys(self)
-
-
-@typing.no_type_check
-@dataclasses.dataclass(frozen=True, kw_only=True)
-class ConstraintsCase:
-    """What is held exactly during the flow."""
-
-    name: ClassVar[str] = "constraints"
-
-    area: float | str | None = _key(
-        optional(number_or("area, or that of the start", "initial", above=0.0)), None
-    )
-    volume: float | str | None = _key(
-        optional(number_or("volume, or that of the start", "initial", above=0.0)), None
-    )
-
-    def __post_init__(self):
-        _check_keys(self)
-
-
-@typing.no_type_check
-@dataclasses.dataclass(frozen=True, kw_only=True)
 class FlowCase:
     """The flow and how it is advanced in time."""
 
     name: ClassVar[str] = "flow"
 
-    kind: str = _key(
+    kind: str = declare(
         choice(
             "willmore (Canham–Helfrich where H0 is not 0), or another law",
             "willmore",
@@ -175,23 +111,23 @@ class FlowCase:
         ),
         "willmore",
     )
-    scheme: str = _key(
+    scheme: str = declare(
         choice("Newton in every step, or one linear solve", "implicit", "linearly-implicit"),
         "implicit",
     )
-    bdf_order: int = _key(integer("order in time; 5 is fragile", 1, 5), 2)
-    tangential: str = _key(
+    bdf_order: int = declare(integer("order in time; 5 is fragile", 1, 5), 2)
+    tangential: str = declare(
         choice("how nodes move along the surface", "none", "minimal-deformation"), "none"
     )
-    consistency: float = _key(
+    consistency: float = declare(
         number("c of the consistency terms c·|A|⁴; 4 to 8 holds, 0 switches off", at_least=0.0), 6.0
     )
-    consistency_weight: str = _key(
+    consistency_weight: str = declare(
         choice("c times the largest |A|⁴, or node by node", "global", "local"), "global"
     )
 
     def __post_init__(self):
-        _check_keys(self)
+        check_keys(self)
 
 
 @typing.no_type_check
@@ -205,22 +141,22 @@ class TimeCase:
 
     name: ClassVar[str] = "time"
 
-    t0: float = _key(number("start"), 0.0)
-    t1: float = _key(number("end"))
-    dt0: float | None = _key(
+    t0: float = declare(number("start"), 0.0)
+    t1: float = declare(number("end"))
+    dt0: float | None = declare(
         optional(number("first step; left out, it follows from the size", above=0.0)), None
     )
-    rtol: float = _key(
+    rtol: float = declare(
         number("error per step relative to the extent; it decides the steps", above=0.0, below=1.0),
         1e-3,
     )
-    stop_when_stationary: float = _key(
+    stop_when_stationary: float = declare(
         number("stop below this part of the velocity scale; 0: never", at_least=0.0), 1e-6
     )
-    max_steps: int = _key(integer("stop after as many steps", 1), 10_000)
+    max_steps: int = declare(integer("stop after as many steps", 1), 10_000)
 
     def __post_init__(self):
-        _check_keys(self)
+        check_keys(self)
         if not self.t1 > self.t0:
             allowed = f"a finite number > t0 = {self.t0:g}"
             raise refused(self.name, "t1", self.t1, allowed)
@@ -232,19 +168,27 @@ class TimeCase:
 @typing.no_type_check
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class OutputCase:
-    """What a run leaves besides its history, final state and summary."""
+    """What is left besides tables, final state and summary, and what ends a run early."""
 
     name: ClassVar[str] = "output"
 
-    every: float | None = _key(optional(number("time between frames", above=0.0)), None)
-    frames: bool = _key(flag("write frames/*.vtu and run.pvd for ParaView"), True)
-    picture: bool = _key(flag("draw final.png and history.png"), True)
+    every: float | None = declare(optional(number("time between frames", above=0.0)), None)
+    frames: bool = declare(flag("write frames/*.vtu and run.pvd for ParaView"), True)
+    picture: bool = declare(flag("draw final.png, and history.png or branch.png"), True)
+    self_intersection: bool = declare(
+        flag("look for triangles that pierce each other in the last shape"), False
+    )
+    fatal_warnings: bool = declare(
+        flag("end as `unhealthy` at the first warning under `health` in summary.json"), False
+    )
 
     def __post_init__(self):
-        _check_keys(self)
+        check_keys(self)
 
-    def within(self, time: TimeCase) -> "OutputCase":
+    def within(self, time: TimeCase | None) -> "OutputCase":
         """The same with `every` checked against the time interval, or chosen: a fiftieth of it."""
+        if time is None:
+            return self
         interval = time.t1 - time.t0
         if self.every is None:
             return dataclasses.replace(self, every=interval / 50)
@@ -254,10 +198,29 @@ class OutputCase:
         return self
 
 
-def unknown_key(section: str, key: str, known: list[str]) -> CaseError:
-    """The error for a key that the section does not have."""
-    problem = f"unknown key.{suggestion(key, known)} Known keys: {', '.join(known)}."
-    return CaseError(problem, section=section, key=key, allowed=", ".join(known))
+@typing.no_type_check
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class BranchCase:
+    """A family of equilibria along a parameter. Steps are changes of the parameter."""
+
+    name: ClassVar[str] = "branch"
+
+    parameter: str = declare(
+        choice("what is followed", "reduced_volume", "spontaneous_curvature", "pressure"),
+        "reduced_volume",
+    )
+    stop: float = declare(number("where the branch ends, in the unit of the parameter"))
+    step0: float | None = declare(
+        optional(number("first step; left out, it follows from the parameter", above=0.0)), None
+    )
+    max_step: float | None = declare(optional(number("largest step", above=0.0)), None)
+    max_points: int = declare(integer("most points after the start", 1, 10_000), 100)
+    self_contact: bool = declare(flag("stop where triangles pierce each other"), False)
+
+    def __post_init__(self):
+        check_keys(self)
+        if self.parameter == "reduced_volume" and not 0 < self.stop <= 1:
+            raise refused(self.name, "stop", self.stop, "a reduced volume: > 0 and <= 1")
 
 
 def _parameter_rule(default: object) -> Rule:

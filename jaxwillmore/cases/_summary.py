@@ -1,24 +1,28 @@
-"""The numbers a run ends with."""
+"""The numbers that are left at the end."""
 
 import dataclasses
 import importlib.metadata
 import math
 import platform
+from collections.abc import Iterable
 from typing import Any
 
+import equinox as eqx
 import numpy as np
 
 from .._version import __version__
-from ..evolve import Solution, State, diagnostics, message, name_of
+from ..energies import Willmore, willmore_of_field
+from ..equilibria import Equilibrium
+from ..evolve import State, diagnostics
 from ..flows import AbstractFlow
+from ..health import HealthWarning, health_warnings, least_willmore
 from ..mesh import SurfaceMesh, quality
-from ..surface import centroid
+from ..surface import area, centroid, volume
 from ._case import Case
+from ._energies import bending_energy
 
 _LIBRARIES = ("jax", "jaxlib", "equinox", "optimistix", "lineax", "numpy", "scipy", "trimesh")
 _MEASURES = ("energy", "willmore", "willmore_of_field", "area", "volume", "reduced_volume")
-
-
 _FIRST_COLUMNS = ("step", "t", "dt", *_MEASURES, "min_angle", "max_angle")
 
 
@@ -37,56 +41,115 @@ def first_record(flow: AbstractFlow, mesh: SurfaceMesh, state: State) -> dict[st
     return row | {"newton_iterations": 0, "krylov_iterations": 0, "rejected_steps": 0}
 
 
-def summary_of(
-    case: Case, solution: Solution, rows: list[dict[str, Any]], wall_seconds: float
-) -> dict[str, Any]:
-    """What `summary.json` says; `rows` is the history, start included."""
-    mesh, state, stats = solution.mesh, solution.state, solution.stats
+def warnings_of(case: Case, mesh: SurfaceMesh, x, H) -> tuple[HealthWarning, ...]:
+    """The warnings of the last shape, piercing triangles among them where the case asks."""
+    return health_warnings(mesh, x, H, self_intersection=case.output.self_intersection)
+
+
+def measures_of(mesh: SurfaceMesh, x, H, energy: float) -> dict[str, float]:
+    """Energies and sizes of a surface, under the names of the columns of `history.csv`."""
+    of_x, of_field, A, V = (float(number) for number in _measures(mesh, x, H))
+    numbers = energy, of_x, of_field, A, V, 6 * math.sqrt(math.pi) * V / A**1.5
+    return dict(zip(_MEASURES, numbers, strict=True))
+
+
+@eqx.filter_jit
+def _measures(mesh, x, H):
+    return Willmore()(mesh, x), willmore_of_field(mesh, x, H), area(mesh, x), volume(mesh, x)
+
+
+def end_of_flow(case: Case, mesh: SurfaceMesh, state: State, rows: list[dict]) -> dict[str, Any]:
+    """Energies, multipliers and mesh of the last state of a flow; `rows` is its history."""
+    last = rows[-1]
+    bending = None
+    if case.flow.kind == "willmore":
+        b = case.energy.bending_modulus
+        bending = float(eqx.filter_jit(bending_energy(case))(mesh, state.x)) / (16 * math.pi * b)
+    multipliers = None
+    if "tension" in last:
+        scaled = _scaled(case, last["area"], last["tension"], last["pressure"])
+        multipliers = {**scaled, "curvature": last["curvature_multiplier"]}
     return {
-        "status": name_of(solution.result),
-        "message": message(solution.result),
-        "t": state.t,
-        "steps": stats["steps"],
-        "rejected_steps": stats["rejected_steps"],
-        "newton_iterations": stats["newton_iterations"],
-        "krylov_iterations": stats["linear_iterations"],
-        **{name: rows[-1][name] for name in _MEASURES},
-        "bending_over_8pi_kappa": _bending(case, rows[-1]),
-        "multipliers": _multipliers(case, rows[-1]),
+        **{name: last[name] for name in _MEASURES},
+        "gaussian_energy": gaussian_energy(case, mesh),
+        "bending_over_8pi_kappa": bending,
+        "multipliers": multipliers,
+        "stationarity": last["stationarity"],
+        "negative_directions": None,
         "start": {name: rows[0][name] for name in _MEASURES},
+        **_surface(mesh, state.x),
+    }
+
+
+def end_of_equilibrium(case: Case, shape: Equilibrium, H, start: dict[str, float]):
+    """The same for an equilibrium; `start` are the measures of the surface it started from."""
+    mesh, x = shape.mesh, shape.x
+    scaled = _scaled(
+        case, float(shape.parameters.area), float(shape.tension), float(shape.pressure)
+    )
+    return {
+        **measures_of(mesh, x, H, total_energy(shape)),
+        "gaussian_energy": gaussian_energy(case, mesh),
+        "bending_over_8pi_kappa": float(shape.bending_over_8pi_kappa),
+        "multipliers": {**scaled, "curvature": float(shape.curvature_multiplier)},
+        "stationarity": shape.residual,
+        "negative_directions": shape.negative_directions,
+        "eigenvalues": list(shape.eigenvalues),
+        "total_mean_curvature": float(shape.total_mean_curvature),
+        "start": start,
+        **_surface(mesh, x),
+    }
+
+
+def total_energy(shape: Equilibrium) -> float:
+    """All energies, with the work of an applied tension and pressure."""
+    p = shape.parameters
+    work = 0.0 if shape.fixed_area else float(p.tension * p.area)
+    work -= 0.0 if shape.fixed_volume else float(p.pressure * p.volume)
+    return float(shape.energy + shape.global_energy) + work
+
+
+def gaussian_energy(case: Case, mesh: SurfaceMesh) -> float:
+    """∫ b_k K = 2π χ b_k; it does no work and is not part of `energy`."""
+    return 2 * math.pi * mesh.euler_characteristic * case.energy.gaussian_modulus
+
+
+def _scaled(case: Case, area: float, tension: float, pressure: float) -> dict[str, float]:
+    """Tension and pressure, also in units of κ = 2 b and R0 = √(A/4π)."""
+    kappa, R0 = 2 * case.energy.bending_modulus, math.sqrt(area / (4 * math.pi))
+    return {
+        "tension": tension,
+        "pressure": pressure,
+        "tension_scaled": tension * R0**2 / kappa,
+        "pressure_scaled": pressure * R0**3 / kappa,
+    }
+
+
+def _surface(mesh: SurfaceMesh, x) -> dict[str, Any]:
+    return {
         "euler_characteristic": mesh.euler_characteristic,
-        "radius_spread": radius_spread(mesh, state.x) if mesh.genus == 0 else None,
-        "quality": dataclasses.asdict(quality(mesh, state.x)),
+        "radius_spread": radius_spread(mesh, x) if mesh.genus == 0 else None,
+        "quality": dataclasses.asdict(quality(mesh, x)),
         "nodes": mesh.n_nodes,
         "cells": mesh.n_cells,
         "degree": mesh.degree,
+    }
+
+
+def health_of(warnings: Iterable[HealthWarning]) -> list[dict[str, Any]]:
+    """What `summary.json` says under `health`."""
+    return [dataclasses.asdict(warning) for warning in warnings]
+
+
+def provenance(wall_seconds: float) -> dict[str, Any]:
+    """How long it took, and with what."""
+    return {
         "wall_seconds": wall_seconds,
         "versions": {
             "jaxwillmore": __version__,
             "python": platform.python_version(),
             **{name: importlib.metadata.version(name) for name in _LIBRARIES},
         },
-    }
-
-
-def _bending(case: Case, row: dict[str, Any]) -> float | None:
-    """E/(8πκ) with E the bending energy alone and κ = 2 b; 1 on a sphere without H0."""
-    if case.flow.kind != "willmore":
-        return None
-    loads = case.energy.tension * row["area"] - case.energy.pressure * row["volume"]
-    return (row["energy"] - loads) / (16 * math.pi * case.energy.bending_modulus)
-
-
-def _multipliers(case: Case, row: dict[str, Any]) -> dict[str, float] | None:
-    """Tension and pressure of the last step, also in units of κ = 2 b and R0 = √(A/4π)."""
-    if "tension" not in row:
-        return None
-    kappa, R0 = 2 * case.energy.bending_modulus, math.sqrt(row["area"] / (4 * math.pi))
-    return {
-        "tension": row["tension"],
-        "pressure": row["pressure"],
-        "tension_R0^2_over_kappa": row["tension"] * R0**2 / kappa,
-        "pressure_R0^3_over_kappa": row["pressure"] * R0**3 / kappa,
     }
 
 
@@ -97,5 +160,5 @@ def radius_spread(mesh: SurfaceMesh, x) -> float:
 
 
 def reference_energies(genus: int) -> dict[str, float]:
-    """The least ½∫H² of all surfaces of this genus, where it is known."""
-    return {0: {"8π": 8 * math.pi}, 1: {"4π²": 4 * math.pi**2}}.get(genus, {})
+    """The least ½∫H² of all surfaces of this genus."""
+    return {"8π" if genus == 0 else "4π²": least_willmore(genus)}

@@ -1,0 +1,187 @@
+"""The equilibrium that a case asks for, and the folder it is left in."""
+
+import dataclasses
+import os
+import pathlib
+import time
+from collections.abc import Callable
+from typing import Any
+
+from ..equilibria import Equilibrium, equilibrium, message, name_of, targets
+from ..io import RunFolder, write_vtu
+from ..plot import surface_picture
+from ..surface import recover_mean_curvature
+from ._case import Case
+from ._energies import bending_energy, global_energy
+from ._error import CaseError
+from ._output import UNHEALTHY, Existing, fields_of, open_folder, pictures
+from ._start import Start, starting_surface
+from ._summary import (
+    end_of_equilibrium,
+    health_of,
+    measures_of,
+    provenance,
+    warnings_of,
+)
+
+
+@dataclasses.dataclass(frozen=True)
+class CaseEquilibrium:
+    """An equilibrium: its folder, what `summary.json` says, and the shape itself."""
+
+    folder: pathlib.Path
+    summary: dict[str, Any]
+    shape: Equilibrium
+
+    @property
+    def succeeded(self) -> bool:
+        """Whether the shape is stationary, and in good health where that counts."""
+        return self.shape.succeeded and self.summary["status"] != UNHEALTHY
+
+
+def run_equilibrium(
+    case: Case,
+    out: str | os.PathLike[str],
+    *,
+    existing: Existing = "refuse",
+    progress: Callable[[dict[str, Any]], None] | None = None,
+) -> CaseEquilibrium:
+    """Find the equilibrium of a case and leave case, shape, summary and picture in a folder.
+
+    `[flow]`, `[time]` and `[branch]` play no part. A search that fails leaves its last shape;
+    `summary["status"]` and `summary["message"]` say why.
+
+    **Arguments:**
+
+    - `out`: the folder; it is made, parents included.
+    - `existing`: what to do with an earlier run in the folder.
+    - `progress`: called with a dictionary after every pseudo-time step.
+
+    **Raises:** `CaseError` for a case that has no equilibrium; `RunFolderError` for a folder that
+    cannot be used; `OSError` when the disk is full.
+
+    ```python
+    run = run_equilibrium(load_case("example:vesicle", "equilibrium"), "out/vesicle")
+    ```
+    """
+    began = time.perf_counter()
+    check_equilibrium(case)
+    start = starting_surface(case)
+    wanted = wanted_of(case, start)
+    with open_folder(out, existing) as folder:
+        folder.write_text("case.toml", case.to_toml())
+        shape = equilibrium_of(start, wanted, progress)
+        fields = write_shape(folder, shape)
+        found = warnings_of(case, shape.mesh, shape.x, fields["H"])
+        status, words = name_of(shape.result), message(shape.result)
+        if found and case.output.fatal_warnings:
+            status, words = UNHEALTHY, found[0].message
+        summary = {
+            "status": status,
+            "message": words,
+            "steps": shape.stats["outer_steps"],
+            "newton_iterations": shape.stats["newton_iterations"],
+            **end_of_equilibrium(case, shape, fields["H"], measures_of_start(case, start)),
+            "health": health_of(found),
+            **provenance(time.perf_counter() - began),
+        }
+        folder.write_summary(summary)
+        if case.output.picture:
+            with pictures():
+                draw_shape(folder, start, shape, fields["H"])
+    return CaseEquilibrium(folder.path, summary, shape)
+
+
+def wanted_of(case: Case, start: Start) -> dict[str, Any]:
+    """Energy and targets of a case, as keyword arguments of `equilibria.equilibrium`.
+
+    **Raises:** `CaseError` for targets that cannot be.
+    """
+    held, energy = case.constraints, case.energy
+    bending = bending_energy(case)
+    rest = global_energy(case, start.mesh, start.x, loads=False)
+    # A volume of the start is scaled with the area; so is a reduced volume, which stays.
+    same = held.reduced_volume == "initial"
+    wanted = {
+        "energy": bending if rest is None else bending + rest,
+        "area": held.area,
+        "volume": "initial" if same else held.volume,
+        "reduced_volume": None if same else held.reduced_volume,
+        "tension": energy.tension if held.area is None else None,
+        "pressure": None if _holds_volume(case) else energy.pressure,
+    }
+    try:
+        targets(start.mesh, start.x, bending_modulus=None, spontaneous_curvature=None, **wanted)
+    except ValueError as error:
+        raise CaseError(str(error), section="constraints") from error
+    return wanted
+
+
+def equilibrium_of(
+    start: Start,
+    wanted: dict[str, Any],
+    progress: Callable[[dict[str, Any]], None] | None = None,
+) -> Equilibrium:
+    """The equilibrium from a start; one that failed says so in its `result`."""
+    return equilibrium(start.mesh, start.x, **wanted, throw=False, observer=progress)
+
+
+def check_equilibrium(case: Case) -> None:
+    """Refuse what no equilibrium can be found for.
+
+    **Raises:** `CaseError`.
+    """
+    energy, held = case.energy, case.constraints
+    if case.flow.kind != "willmore":
+        problem = 'must be "willmore" for an equilibrium: only the bending energy has them.'
+        raise CaseError(problem, section="flow", key="kind", got=case.flow.kind)
+    if held.area is not None and energy.tension:
+        problem = "is a multiplier where the area is held; leave one of them out."
+        raise CaseError(problem, section="energy", key="tension", got=energy.tension)
+    if _holds_volume(case) and energy.pressure:
+        problem = "is a multiplier where the volume is held; leave one of them out."
+        raise CaseError(problem, section="energy", key="pressure", got=energy.pressure)
+    if held.ramp is not None:
+        raise CaseError("is for flows.", section="constraints", key="ramp", got=held.ramp)
+    sizes = (energy.tension, energy.pressure, energy.spontaneous_curvature, held.area, held.volume)
+    if not any((*sizes, energy.osmotic, energy.area_penalty, energy.volume_penalty)):
+        problem = (
+            "nothing decides the size of the surface: hold `area` or `volume`, or add an energy "
+            "that depends on them."
+        )
+        raise CaseError(problem, section="constraints")
+
+
+def _holds_volume(case: Case) -> bool:
+    return case.constraints.volume is not None or case.constraints.reduced_volume is not None
+
+
+def measures_of_start(case: Case, start: Start) -> dict[str, float]:
+    """Energies and sizes of the surface that the search starts from."""
+    mesh, x = start.mesh, start.x
+    H = start.initial["H"] if "H" in start.initial else recover_mean_curvature(mesh, x)
+    energy = float(bending_energy(case)(mesh, x))
+    rest = global_energy(case, mesh, x)
+    return measures_of(mesh, x, H, energy + (0.0 if rest is None else float(rest(mesh, x))))
+
+
+def write_shape(folder: RunFolder, shape: Equilibrium) -> dict[str, Any]:
+    """Write the last shape as `final.npz`, `final.ply` and `final.vtu`; its fields."""
+    fields = fields_of(shape)
+    folder.write_final(shape.mesh, shape.x, fields)
+    write_vtu(folder.file("final.vtu"), shape.mesh, shape.x, fields)
+    return fields
+
+
+def draw_shape(folder: RunFolder, start: Start, shape: Equilibrium, H) -> None:
+    """Draw `final.png`: the start without colours beside the shape with its mean curvature."""
+    energy, v = float(shape.bending_over_8pi_kappa), float(shape.reduced_volume)
+    surface_picture(
+        folder.file("final.png"),
+        shape.mesh,
+        shape.x,
+        H,
+        field_name="H",
+        caption=f"v = {v:.4g},  E/8πκ = {energy:.6g}",
+        start=start.x,
+    )

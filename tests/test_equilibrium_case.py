@@ -1,0 +1,219 @@
+"""Equilibria and branches from case files: complete folders, true numbers, named endings."""
+
+import json
+from typing import Any
+
+import numpy as np
+import pytest
+
+from jaxwillmore import equilibria
+from jaxwillmore.cases import CaseError, load_case, run_branch, run_equilibrium
+from jaxwillmore.health import _warnings
+from jaxwillmore.io import read_history, read_surface
+
+BASE = {
+    "surface": {"shape": "ellipsoid", "semi_axes": [1.0, 1.0, 2.0], "level": 1},
+    "constraints": {"area": "initial", "reduced_volume": 0.8},
+    "output": {"picture": False},
+}
+BRANCH = {"stop": 0.79, "step0": 0.01}
+
+
+def case_of(command: Any = "equilibrium", **sections):
+    keys = {name: {**BASE.get(name, {}), **sections.get(name, {})} for name in {*BASE, *sections}}
+    keys = {name: {k: v for k, v in table.items() if v is not None} for name, table in keys.items()}
+    return load_case(keys, command)
+
+
+# 1. Equilibria.
+
+
+@pytest.fixture(scope="module")
+def vesicle(tmp_path_factory):
+    rows = []
+    out = tmp_path_factory.mktemp("equilibria") / "deep" / "vesicle"
+    case = case_of(output={"picture": True, "self_intersection": True})
+    return case, run_equilibrium(case, out, progress=rows.append), rows
+
+
+def test_the_folder_of_an_equilibrium_is_complete(vesicle):
+    case, run, rows = vesicle
+    assert {path.name for path in run.folder.iterdir()} == {
+        *("case.toml", "summary.json", "final.npz", "final.ply", "final.vtu", "final.png"),
+    }
+    assert load_case(run.folder / "case.toml", "equilibrium") == case
+    assert len(rows) == run.summary["steps"] and run.succeeded
+    _, x = read_surface(run.folder / "final.npz")
+    np.testing.assert_array_equal(x, run.shape.x)
+
+
+def test_the_summary_of_an_equilibrium_says_what_the_shape_says(vesicle):
+    _, run, _ = vesicle
+    summary = json.loads((run.folder / "summary.json").read_text(encoding="utf-8"))
+    assert summary == run.summary
+    shape = run.shape
+    assert summary["status"] == "converged" and summary["negative_directions"] == 0
+    # The axisymmetric reference; 162 nodes are 5e-4 above it.
+    assert summary["bending_over_8pi_kappa"] == pytest.approx(1.387440, abs=1e-3)
+    assert summary["stationarity"] < 1e-9
+    of = summary["multipliers"]
+    assert of["tension"] == float(shape.tension) and of["pressure"] == float(shape.pressure)
+    assert of["tension_scaled"] == pytest.approx(float(shape.scaled_tension), rel=1e-12)
+    assert of["pressure_scaled"] == pytest.approx(float(shape.scaled_pressure), rel=1e-12)
+    np.testing.assert_allclose(summary["reduced_volume"], 0.8, rtol=1e-12)
+    assert summary["health"] == []
+
+
+def test_osmosis_replaces_a_held_volume(vesicle, tmp_path):
+    """The solute that balances the multiplier at v = 0.8 gives v = 0.8."""
+    _, held, _ = vesicle
+    n = held.summary["volume"] * (1.0 + held.summary["multipliers"]["pressure"] / 10.0)
+    osmotic = {"solute_amount": n, "ambient_concentration": 1.0}
+    osmotic |= {"temperature": 10.0, "gas_constant": 1.0}
+    case = case_of(constraints={"reduced_volume": None}, energy={"osmotic": osmotic})
+    run = run_equilibrium(case, tmp_path / "out")
+    # Another way to the same shape: equal up to the change of reference surfaces.
+    assert run.summary["reduced_volume"] == pytest.approx(0.8, abs=1e-4)
+    pressure = 10.0 * (n / run.summary["volume"] - 1.0)
+    assert run.summary["multipliers"]["pressure"] == pytest.approx(pressure, rel=1e-9)
+
+
+def test_a_search_that_settles_nowhere_leaves_its_last_shape(tmp_path, monkeypatch):
+    import jaxwillmore.cases._equilibrium as module
+
+    short = lambda *a, **k: equilibria.equilibrium(*a, **k, max_outer=1)
+    monkeypatch.setattr(module, "equilibrium", short)
+    run = run_equilibrium(case_of(), tmp_path / "out")
+    assert run.summary["status"] == "not_settled" and not run.succeeded
+    assert run.summary["negative_directions"] is None
+    assert (run.folder / "final.vtu").is_file()
+
+
+def test_a_warning_is_fatal_where_the_case_says_so(tmp_path, monkeypatch):
+    monkeypatch.setattr(_warnings, "UNRESOLVED", 1e-9)
+    for fatal in (False, True):
+        run = run_equilibrium(case_of(output={"fatal_warnings": fatal}), tmp_path / str(fatal))
+        (found,) = run.summary["health"]
+        assert found["kind"] == "unresolved_curvature" and found["value"] > found["limit"] == 1e-9
+        assert run.summary["status"] == ("unhealthy" if fatal else "converged")
+        assert run.succeeded != fatal
+
+
+# 2. Branches.
+
+
+@pytest.fixture(scope="module")
+def prolates(tmp_path_factory):
+    rows = []
+    out = tmp_path_factory.mktemp("branches") / "prolates"
+    case = case_of("branch", branch=BRANCH, output={"picture": True})
+    return case, run_branch(case, out, progress=rows.append), rows
+
+
+def test_the_folder_of_a_branch_is_complete(prolates):
+    case, run, _ = prolates
+    assert {path.name for path in run.folder.iterdir()} == {
+        *("case.toml", "summary.json", "branch.csv", "branch.png", "shapes"),
+        *("final.npz", "final.ply", "final.vtu", "final.png"),
+    }
+    assert load_case(run.folder / "case.toml", "branch") == case
+    shapes = sorted((run.folder / "shapes").iterdir())
+    assert len(shapes) == len(run.points) == run.summary["points"]
+    for path, point in zip(shapes, run.points, strict=True):
+        np.testing.assert_array_equal(read_surface(path)[1], point.x)
+
+
+def test_the_table_of_a_branch_ends_at_its_stop(prolates):
+    _, run, rows = prolates
+    table = read_history(run.folder / "branch.csv")
+    assert table == [row for row in rows if "point" in row]
+    assert run.succeeded and run.summary["status"] == "end_reached"
+    np.testing.assert_allclose(table[-1]["reduced_volume"], 0.79, rtol=1e-10)
+    assert run.summary["ended_at"]["reduced_volume"] == table[-1]["reduced_volume"]
+    energies = [row["bending_over_8pi_kappa"] for row in table]
+    assert all(b > a for a, b in zip(energies[:-1], energies[1:], strict=True))
+
+
+def test_a_branch_that_ends_early_says_where_and_keeps_its_shapes(tmp_path):
+    case = case_of("branch", branch={**BRANCH, "stop": 0.7, "max_points": 1})
+    run = run_branch(case, tmp_path / "out")
+    assert run.summary["status"] == "point_limit" and not run.succeeded
+    assert "max_points" in run.summary["message"]
+    assert 0.7 < run.summary["ended_at"]["reduced_volume"] < 0.8
+    assert len(list((run.folder / "shapes").iterdir())) == run.summary["points"] == 2
+
+
+def test_an_interrupted_branch_keeps_its_points(tmp_path):
+    def interrupt(row):
+        if row.get("point") == 1:
+            raise KeyboardInterrupt
+
+    case = case_of("branch", branch={**BRANCH, "stop": 0.7})
+    run = run_branch(case, tmp_path / "out", progress=interrupt)
+    assert run.summary["status"] == "interrupted" and run.summary["points"] == 2
+    assert len(read_history(run.folder / "branch.csv")) == 2
+
+
+def test_a_fatal_warning_ends_a_branch_at_its_point(tmp_path, monkeypatch):
+    monkeypatch.setattr(_warnings, "UNRESOLVED", 1e-9)
+    case = case_of("branch", branch={**BRANCH, "stop": 0.7}, output={"fatal_warnings": True})
+    run = run_branch(case, tmp_path / "out")
+    assert run.summary["status"] == "unhealthy" and run.summary["points"] == 1
+    assert run.summary["health"][0]["point"] == 0
+
+
+def test_an_earlier_branch_is_replaced_whole(prolates, tmp_path):
+    _, run, _ = prolates
+    out = tmp_path / "out"
+    (out / "shapes").mkdir(parents=True)
+    stale = out / "shapes" / "shape_000099.npz"
+    stale.write_bytes((run.folder / "shapes" / "shape_000000.npz").read_bytes())
+    case = case_of("branch", branch={**BRANCH, "max_points": 1, "stop": 0.799})
+    run_branch(case, out, existing="replace")
+    assert not stale.exists()
+
+
+# 3. Refusals, before anything is computed.
+
+
+@pytest.mark.parametrize(
+    "sections, words",
+    [
+        ({"constraints": {"area": None, "reduced_volume": None}}, ["nothing decides the size"]),
+        ({"energy": {"tension": 1.0}}, ["[energy] tension", "multiplier"]),
+        ({"energy": {"pressure": 1.0}}, ["[energy] pressure", "multiplier"]),
+        ({"flow": {"kind": "mean-curvature"}}, ["[flow] kind", "willmore"]),
+        ({"constraints": {"ramp": 1.0}}, ["ramp", "flows"]),
+        (
+            {"constraints": {"reduced_volume": None, "volume": 1e3, "area": "initial"}},
+            ["[constraints]", "at most volume"],
+        ),
+    ],
+)
+def test_what_has_no_equilibrium_is_refused(tmp_path, sections, words):
+    with pytest.raises(CaseError) as caught:
+        run_equilibrium(case_of(**sections), tmp_path / "out")
+    for word in words:
+        assert word in str(caught.value), str(caught.value)
+    assert not (tmp_path / "out").exists()
+
+
+@pytest.mark.parametrize(
+    "sections, words",
+    [
+        ({"branch": {**BRANCH, "parameter": "pressure"}}, ["[branch] parameter", "free volume"]),
+        (
+            {"branch": BRANCH, "constraints": {"reduced_volume": None}},
+            ["[branch] parameter", "area and volume held"],
+        ),
+        ({"branch": {"stop": 1.2}}, ["[branch] stop", "<= 1"]),
+        ({"branch": {}}, ["[branch] stop", "missing"]),
+        ({}, ["[branch] is missing"]),
+    ],
+)
+def test_what_has_no_branch_is_refused(tmp_path, sections, words):
+    with pytest.raises(CaseError) as caught:
+        run_branch(case_of("branch", **sections), tmp_path / "out")
+    for word in words:
+        assert word in str(caught.value), str(caught.value)
+    assert not (tmp_path / "out").exists()
