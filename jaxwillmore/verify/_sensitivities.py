@@ -124,7 +124,7 @@ def shape_outputs(mesh: SurfaceMesh, x: Nodes, points: Float[Array, "points 3"])
     """Numbers of a shape: one per kind, several of a kind in a fixed sum with uneven weights."""
     c = harmonic_coefficients(mesh, x, _MAX_HARMONIC)
     moments = curvature_moments(mesh, x, (1, 3))
-    weighted = lambda a: jnp.vdot(a, jnp.cos(1.0 + 2.0 * jnp.arange(a.shape[0])))
+    weighted = lambda a: jnp.vdot(a, jnp.cos(1.0 + 2.0 * jnp.arange(float(a.shape[0]))))
     return {
         "Willmore energy": Willmore()(mesh, x),
         "area": area(mesh, x),
