@@ -9,7 +9,7 @@ from scipy.spatial import KDTree
 from ..reference import lagrange_basis, lagrange_gradients, n_local_nodes
 
 CANDIDATES, POLISHED = 8, 3
-NEWTON_STEPS = 8
+NEWTON_STEPS, CONVERGED = 8, 1e-10
 # Step of differences of polynomial gradients; exact up to degree 3.
 STEP = 1e-2
 AT_EDGE = 1e-9
@@ -116,7 +116,9 @@ def _polished(degree: int, local, p, xi):
         return xi
     for _ in range(NEWTON_STEPS):
         slope, hessian = _quadratic(degree, local, p, xi)
-        xi = _inside(xi + np.linalg.solve(hessian, slope[..., None])[..., 0])
+        before, xi = xi, _inside(xi + np.linalg.solve(hessian, slope[..., None])[..., 0])
+        if np.max(np.abs(xi - before)) < CONVERGED:
+            break
     weights = np.concatenate([1 - xi.sum(axis=-1, keepdims=True), xi], axis=-1)
     lost = np.argmin(weights, axis=-1)
     stuck = np.nonzero(np.min(weights, axis=-1) < AT_EDGE)
@@ -136,7 +138,9 @@ def _along_edge(degree: int, local, p, xi, lost):
     for _ in range(NEWTON_STEPS):
         slope, hessian = _quadratic(degree, local, p, start + t[..., None] * along)
         bend = np.einsum("pci,pcij,pcj->pc", along, hessian, along)
-        t = np.clip(t + np.sum(slope * along, axis=-1) / bend, 0.0, 1.0)
+        before, t = t, np.clip(t + np.sum(slope * along, axis=-1) / bend, 0.0, 1.0)
+        if np.max(np.abs(t - before)) < CONVERGED:
+            break
     return start + t[..., None] * along
 
 

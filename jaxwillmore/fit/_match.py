@@ -140,8 +140,8 @@ def _start_values(targets, free, start, resume) -> list[dict[str, float]]:
         raise ValueError("Free `reduced_volume` or `pressure`, not both: one follows the other.")
     if len(free) == 0:
         raise ValueError("`free` is empty; name at least one parameter.")
-    if "pressure" in free and "pressure" not in start and resume is None:
-        raise ValueError("A free `pressure` needs a value in `start`.")
+    if resume is None and ("pressure" in free) != ("pressure" in start):
+        raise ValueError("`pressure` is either free and has a value in `start`, or neither.")
     if resume is not None:
         if len(resume.parameters) != len(targets):
             raise ValueError(

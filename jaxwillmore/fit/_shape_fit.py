@@ -21,7 +21,10 @@ from ._pose import Pose
 from ._results import RESULTS
 from ._shape_residuals import ShapeResiduals, Target
 from ._statistics import laplace, patches_of
-from ._unknowns import spoken
+from ._unknowns import SHAPE_NAMES, spoken
+
+# What an equilibrium has besides its spontaneous curvature.
+FOLLOWING = ("tension", "pressure", "reduced_volume")
 
 
 @dataclasses.dataclass(frozen=True)
@@ -34,7 +37,8 @@ class MatchedShape:
     - `parameters`: `reduced_volume`, `spontaneous_curvature` $H_0R_0$, `tension`
       $\sigma R_0^2/\kappa$, `pressure` $PR_0^3/\kappa$ of the model, and its `radius` $R_0$ in the
       units of the target.
-    - `errors`: standard errors of these, infinite where the data do not tell, 0 where held.
+    - `errors`: standard errors of the first four, by `ShapeFit.robust`; infinite where the data do
+      not tell, 0 where held.
     - `distances`: `rms` and `largest` of the signed distances of the target's nodes to the model,
       and `largest_back`, that of the model's nodes to the target; in units of the target.
     - `residual`: the signed distance of every node of the target, positive outside of the model.
@@ -134,11 +138,12 @@ def pose_of(numbers: Mapping[str, Any]) -> Pose:
 
 @eqx.filter_jit
 def _multipliers(residuals: ShapeResiduals, u, k: int):
-    """Tension and pressure of one model with their derivatives by the unknowns, and its nodes."""
+    """Tension, pressure, reduced volume of one model, their derivatives, and its nodes."""
 
     def numbers(u):
         found, _, x = residuals.shape(u, k)
-        return jnp.stack([found.tension, found.pressure]), x
+        v = found.volume / (4 * jnp.pi / 3)  # of area radius one
+        return jnp.stack([found.tension, found.pressure, v]), x
 
     def twice(u):
         values, x = numbers(u)
@@ -164,12 +169,13 @@ def matched(
         return (), found, robust
     for k, target in enumerate(targets):
         values, slopes, x = _multipliers(residuals, u, k)
-        p = {name: float(v) for name, v in unknowns.parameters(u, k).items()}
-        p["spontaneous_curvature"] *= float(residuals.sizes[k])
+        size = float(residuals.sizes[k])
         motion = unknowns.motion(u, k)
         radius = float(residuals.models[k].pose.size * jnp.exp(motion[6]))
-        p |= {"tension": float(values[0]), "pressure": float(values[1]), "radius": radius}
-        errors = _errors(residuals, descent, robust, k, np.asarray(slopes), radius)
+        H0 = size * float(unknowns.parameters(u, k)["spontaneous_curvature"])
+        p = dict(zip(FOLLOWING, map(float, values), strict=True))
+        p |= {"spontaneous_curvature": H0, "radius": radius}
+        errors = _errors(residuals, descent, robust, k, np.asarray(slopes))
         mesh = residuals.models[k].equilibrium.mesh
         distances, signed = _distances(target, mesh, np.asarray(x))
         shapes.append(MatchedShape(mesh, x, p, errors, distances, signed))
@@ -209,25 +215,17 @@ def _patches(targets, residuals: ShapeResiduals, u) -> np.ndarray:
     return np.concatenate(rows)
 
 
-def _errors(residuals, descent, robust: Identification, k: int, slopes, radius) -> dict[str, float]:
+def _errors(residuals, descent, robust: Identification, k: int, slopes) -> dict[str, float]:
+    """Standard errors of the numbers of one shape, which follow the free parameters."""
     unknowns = residuals.unknowns
-    place, by_label = unknowns.places[k], robust.standard_errors
-    of = {
-        name: 0.0 if place[i] < 0 else by_label[unknowns.labels[place[i]]]
-        for i, name in enumerate(("reduced_volume", "spontaneous_curvature", "pressure"))
-    }
-    of["spontaneous_curvature"] *= float(residuals.sizes[k])
-    # Multipliers follow the free parameters; motion does not change them.
-    n = len(unknowns.labels)
+    place, names = unknowns.places[k][SHAPE_NAMES.index("spontaneous_curvature")], robust.names
+    of_H0 = 0.0 if place < 0 else robust.standard_errors[names[place]] * float(residuals.sizes[k])
+    n = len(names)
     chain = slopes[:, :n] / np.asarray(unknowns.slopes(descent.u))[None]
-    told = np.array([robust.identifiable[label] for label in unknowns.labels], bool)
+    told = np.array([robust.identifiable[label] for label in names], bool)
     spread = np.sqrt(np.maximum(np.diag(chain @ robust.covariance @ chain.T), 0.0))
-    blind = np.any(np.abs(chain[:, ~told]) > 1e-9, axis=1) if n else np.zeros(2, bool)
-    spread = np.where(blind, np.inf, spread)
-    of["tension"] = float(spread[0])
-    if place[2] < 0:
-        of["pressure"] = float(spread[1])
-    return of
+    spread = np.where(np.any(np.abs(chain[:, ~told]) > 1e-9, axis=1), np.inf, spread)
+    return dict(zip(FOLLOWING, map(float, spread), strict=True)) | {"spontaneous_curvature": of_H0}
 
 
 def _distances(target: Target, mesh: SurfaceMesh, x: np.ndarray):

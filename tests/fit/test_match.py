@@ -13,6 +13,7 @@ from jaxwillmore import equilibria, mesh as meshes
 from jaxwillmore.fit import MatchIterate, log_likelihood, match_shapes, name_of
 
 from ..helpers import random_rotation
+from .profiles import PROLATE, equilibrium_nodes
 
 TRUTH = {"reduced_volume": 0.75, "spontaneous_curvature": -0.6}
 # Both 50 % off: the volume by its distance from the sphere.
@@ -20,25 +21,27 @@ START = {"reduced_volume": 0.625, "spontaneous_curvature": -0.3}
 SIZE, SHIFT, ROTATION = 2.5, np.array([1.0, -2.0, 0.5]), random_rotation(jr.key(4))
 
 
+def first_equilibrium(p):
+    """The oblate that a fit starts with at parameters `p`."""
+    mesh, x = equilibria.spheroid(p["reduced_volume"], "oblate", level=1)
+    held: dict[str, Any] = {"area": 4 * np.pi} | p
+    return mesh, equilibria.equilibrium(mesh, x, stability=False, **held)
+
+
+def moved_to(start, p):
+    """The equilibrium at other parameters on the reference surface of `start`."""
+    where = lambda q: (q.volume, q.spontaneous_curvature)
+    values = p["reduced_volume"] * 4 * np.pi / 3, p["spontaneous_curvature"]
+    return equilibria.resolve(
+        start, eqx.tree_at(where, start.parameters, tuple(map(jnp.asarray, values)))
+    )
+
+
 @pytest.fixture(scope="module")
 def twin():
     """An oblate made on the reference surface that the fit starts with, turned and scaled."""
-    mesh, x = equilibria.spheroid(START["reduced_volume"], "oblate", level=1)
-    unit: dict[str, Any] = {"area": 4 * np.pi}
-    start = equilibria.equilibrium(
-        mesh,
-        x,
-        **unit,
-        reduced_volume=START["reduced_volume"],
-        spontaneous_curvature=START["spontaneous_curvature"],
-        stability=False,
-    )
-    where = lambda p: (p.volume, p.spontaneous_curvature)
-    values = (
-        jnp.asarray(TRUTH["reduced_volume"] * 4 * np.pi / 3),
-        jnp.asarray(TRUTH["spontaneous_curvature"]),
-    )
-    made = equilibria.resolve(start, eqx.tree_at(where, start.parameters, values))
+    mesh, start = first_equilibrium(START)
+    made = moved_to(start, TRUTH)
     return mesh, SIZE * made.x @ ROTATION.T + jnp.asarray(SHIFT)[None], made
 
 
@@ -151,6 +154,55 @@ def test_a_fit_that_runs_out_of_steps_says_so_and_resumes(twin):
         match_shapes([(mesh, x)], resume=short.iterate, max_steps=1, kind="oblate", level=1)
 
 
+@pytest.mark.slow
+def test_shapes_share_one_spontaneous_curvature_and_keep_their_volumes():
+    """H0 is one number in 1/length: H0·R0 of a shape twice as large is twice as large."""
+    volumes, sizes, curvature = (0.75, 0.7), (1.0, 2.0), -0.9 / 1.5
+    targets, poses, starts = [], [], []
+    for v, size in zip(volumes, sizes, strict=True):
+        begin = {"reduced_volume": v - 0.03, "spontaneous_curvature": 1.2 * curvature * size}
+        mesh, start = first_equilibrium(begin)
+        made = moved_to(start, {"reduced_volume": v, "spontaneous_curvature": curvature * size})
+        targets.append((mesh, size * made.x))
+        poses.append({"axes": np.eye(3).tolist(), "origin": [0.0, 0.0, 0.0], "size": size})
+        # The shared unknown is in units of the mean radius, 1.5.
+        shared = {"spontaneous_curvature": 1.2 * curvature * 1.5, "pressure": 0.0}
+        starts.append(begin | shared)
+    fit = match_shapes(
+        targets,
+        resume=MatchIterate(tuple(starts), tuple(poses)),
+        kind="oblate",
+        level=1,
+        new_references=False,
+        throw=False,
+    )
+    assert fit.succeeded, name_of(fit.result)
+    labels = ("reduced_volume[0]", "reduced_volume[1]", "spontaneous_curvature")
+    assert set(fit.identification.names) == set(labels)
+    for shape, v, size in zip(fit.shapes, volumes, sizes, strict=True):
+        np.testing.assert_allclose(shape.parameters["reduced_volume"], v, rtol=1e-3)
+        found = shape.parameters["spontaneous_curvature"]
+        np.testing.assert_allclose(found, curvature * size, rtol=2e-2)
+
+
+@pytest.mark.slow
+def test_pressure_may_be_free_in_place_of_the_volume():
+    """A prolate of the shape equations: its pressure is found and its volume follows."""
+    H0, _, pressure = PROLATE[:3]
+    mesh, x = equilibrium_nodes(*PROLATE, level=1)
+    fit = match_shapes(
+        [(mesh, x)],
+        free=("pressure",),
+        start={"pressure": 1.1 * pressure, "spontaneous_curvature": H0},
+        level=1,
+        throw=False,
+    )
+    assert fit.succeeded, name_of(fit.result)
+    # 162 nodes; the volume of the exact shape is 0.8001.
+    np.testing.assert_allclose(fit.shapes[0].parameters["pressure"], pressure, rtol=0.03)
+    np.testing.assert_allclose(fit.shapes[0].parameters["reduced_volume"], 0.8001, atol=5e-3)
+
+
 ROUND = meshes.icosphere(0, degree=2)
 
 
@@ -176,7 +228,8 @@ def test_wrong_targets_are_refused(targets, message):
         ({"free": ("bending_modulus",)}, "`free` has 'bending_modulus'"),
         ({"free": ()}, "`free` is empty"),
         ({"free": ("reduced_volume", "pressure")}, "not both"),
-        ({"free": ("pressure",)}, "needs a value"),
+        ({"free": ("pressure",)}, "either free and has a value"),
+        ({"start": {"pressure": -3.0}}, "either free and has a value"),
         ({"start": {"reduced_volume": 1.2}}, "between 0.25 and 0.997"),
         ({"start": {"tension": 1.2}}, "`start` has 'tension'"),
         ({"bounds": {"reduced_volume": (0.9, 0.5)}}, "in order"),
