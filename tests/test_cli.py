@@ -23,6 +23,8 @@ shape = "ellipsoid"
 semi_axes = [1.0, 1.0, 1.3]
 level = 1
 degree = 1
+[flow]
+tangential = "none"
 [time]
 t1 = 0.01
 dt0 = 1e-3

@@ -6,9 +6,10 @@ import numpy as np
 import pytest
 
 from jaxwillmore.cases import CaseError, load_case, run_case
-from jaxwillmore.cases._flow import Ramp
+from jaxwillmore.cases._flow import Ramp, flow_of
 from jaxwillmore.cases._start import starting_surface
 from jaxwillmore.fem import integrate
+from jaxwillmore.flows import MinimalDeformation, WillmoreFlow
 from jaxwillmore.health import _warnings
 from jaxwillmore.io import read_history
 from jaxwillmore.surface import area, volume
@@ -16,6 +17,7 @@ from jaxwillmore.surface import area, volume
 SURFACE = {"shape": "ellipsoid", "semi_axes": [1.0, 1.0, 1.3], "level": 1, "degree": 1}
 BASE = {
     "surface": SURFACE,
+    "flow": {"tangential": "none"},
     "time": {"t1": 0.004, "dt0": 1e-3},
     "output": {"picture": False, "frames": False},
 }
@@ -95,6 +97,13 @@ def test_a_ramp_takes_the_volume_to_its_number_and_stays(tmp_path, sizes):
     for row in read_history(run.folder / "history.csv"):
         expected = V0 * (1 - 0.01 * min(row["t"] / 0.002, 1.0))
         np.testing.assert_allclose(row["volume"], expected, rtol=1e-9)
+
+
+def test_nodes_move_with_the_least_deformation_unless_told_otherwise(sizes):
+    start = starting_surface(case_of())
+    moving = flow_of(load_case({"surface": SURFACE, "time": {"t1": 1.0}}), start.mesh, start.x)
+    assert isinstance(moving, MinimalDeformation)
+    assert isinstance(flow_of(case_of(), start.mesh, start.x), WillmoreFlow)
 
 
 def test_a_ramp_is_linear_between_its_ends():

@@ -23,6 +23,7 @@ def case_of(**sections):
     """The case of most tests: one mesh, so that its step is compiled once."""
     base = {
         "surface": SURFACE,
+        "flow": {"tangential": "none"},
         "time": {"t1": 0.02, "dt0": 1e-3},
         "output": {"every": 0.01, "picture": False},
     }

@@ -117,7 +117,8 @@ class FlowCase:
     )
     bdf_order: int = declare(integer("order in time; 5 is fragile", 1, 5), 2)
     tangential: str = declare(
-        choice("how nodes move along the surface", "none", "minimal-deformation"), "none"
+        choice("how nodes move along the surface", "minimal-deformation", "none"),
+        "minimal-deformation",
     )
     consistency: float = declare(
         number("c of the consistency terms c·|A|⁴; 4 to 8 holds, 0 switches off", at_least=0.0), 6.0
