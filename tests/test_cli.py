@@ -241,7 +241,8 @@ def test_a_failed_run_ends_with_1_and_says_why(case, tmp_path, capsys):
 
 
 def test_warnings_are_plain_lines(tmp_path, capsys):
-    text = CASE.replace("[time]", "[flow]\nbdf_order = 5\n[time]\nmax_steps = 1")
+    text = CASE.replace("[flow]", "[flow]\nbdf_order = 5")
+    text = text.replace("[time]", "[time]\nmax_steps = 1")
     (tmp_path / "fifth.toml").write_text(text, encoding="utf-8")
     assert main(["run", str(tmp_path / "fifth.toml"), "--out", str(tmp_path / "out")]) == 1
     warning = capsys.readouterr().err.splitlines()[0]

@@ -11,6 +11,7 @@ def short(prolate):
     return equilibria.branch(prolate, "reduced_volume", stop=0.76, step0=0.02)
 
 
+@pytest.mark.slow
 def test_branch_ends_exactly_at_stop(short):
     assert short.succeeded and equilibria.name_of(short.result) == "end_reached"
     np.testing.assert_allclose(short.points[-1].reduced_volume, 0.76, rtol=1e-12)
@@ -18,6 +19,7 @@ def test_branch_ends_exactly_at_stop(short):
     assert all(b < a for a, b in zip(volumes[:-1], volumes[1:], strict=True))
 
 
+@pytest.mark.slow
 def test_slope_of_the_energy_along_the_branch_is_the_pressure(short):
     """dE/dv at fixed area is P dV/dv: the trapezoidal rule joins two points to third order."""
     rows = short.rows
@@ -28,6 +30,7 @@ def test_slope_of_the_energy_along_the_branch_is_the_pressure(short):
         assert rise == pytest.approx(slope * (b["reduced_volume"] - a["reduced_volume"]), rel=2e-2)
 
 
+@pytest.mark.slow
 def test_table_has_a_line_per_point(short):
     lines = short.table().splitlines()
     assert lines[0].startswith("reduced_volume,bending_over_8pi_kappa")

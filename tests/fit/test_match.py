@@ -75,6 +75,7 @@ def fitted(twin):
     return fit, rows
 
 
+@pytest.mark.slow
 def test_a_twin_is_recovered_from_half_way_off(fitted, twin):
     fit, _ = fitted
     assert fit.succeeded, name_of(fit.result)
@@ -88,12 +89,14 @@ def test_a_twin_is_recovered_from_half_way_off(fitted, twin):
     assert shape.distances["largest"] < 1e-6 * SIZE
 
 
+@pytest.mark.slow
 def test_the_words_say_that_kappa_is_not_in_a_shape(fitted):
     fit, _ = fitted
     assert fit.in_words()[0].startswith("κ is not identifiable")
     assert all(fit.identification.identifiable.values())
 
 
+@pytest.mark.slow
 def test_every_step_is_seen_and_the_last_is_where_it_ended(fitted):
     fit, rows = fitted
     assert len(rows) == len(fit.history) > 3

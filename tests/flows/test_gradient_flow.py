@@ -61,6 +61,7 @@ def test_the_law_of_a_sum_is_minus_the_gradient_of_the_sum():
     assert error < 0.04, error
 
 
+@pytest.mark.slow
 def test_a_run_lowers_the_sum_and_holds_the_volume():
     mesh, x = jw.mesh.ellipsoid(AXES, level=0, degree=2)
     V0 = jw.surface.volume(mesh, x)

@@ -17,6 +17,7 @@ from .carried_fields import AXES, b, descent, flow_on, on, speed, velocity_of_la
 # 1. The law is minus the gradient of the energy.
 
 
+@pytest.mark.slow
 def test_the_energy_falls_at_the_rate_of_the_law():
     """By order in h over two refinements: dE/dt = −∫V² (2.9), dE(φν) = −∫Vφ (4), V itself (1.9)."""
     coarse, fine = (

@@ -12,6 +12,7 @@ from jaxwillmore.shapes import SHAPES, make_shape
 from ..helpers import observed_order
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "shape, degree, levels, order",
     [

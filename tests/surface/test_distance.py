@@ -25,6 +25,7 @@ POINTS = FEET + HEIGHTS[:, None] * Ellipsoid(AXES).normal(FEET)
 distances = eqx.filter_jit(signed_distance)
 
 
+@pytest.mark.slow
 def test_points_on_normals_have_their_height_with_order_four():
     errors = [
         float(jnp.max(jnp.abs(distances(*ellipsoid(AXES, level, 2), POINTS) - HEIGHTS)))
@@ -85,6 +86,7 @@ def test_envelope_theorem():
     np.testing.assert_allclose(slope, -1.0, atol=5e-3)
 
 
+@pytest.mark.slow
 def test_first_derivatives(weighted):
     x, p, f = weighted
     phi, psi = jr.normal(jr.key(4), x.shape), jr.normal(jr.key(5), p.shape)
@@ -97,6 +99,7 @@ def test_first_derivatives(weighted):
     assert abs(observed_order(steps, remainders) - 2.0) < 0.05, remainders
 
 
+@pytest.mark.slow
 def test_second_derivatives(weighted):
     x, p, f = weighted
     phi = jr.normal(jr.key(4), x.shape)

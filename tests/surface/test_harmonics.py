@@ -81,6 +81,7 @@ def test_power_is_invariant_under_rotation_and_shift():
     assert moved.shape == (L + 1,)
 
 
+@pytest.mark.slow
 def test_derivatives():
     mesh, x = from_sphere_map(lambda n: radius(n) * n, 0, 2)
     phi, w = jr.normal(jr.key(2), x.shape), jr.normal(jr.key(3), C.shape)

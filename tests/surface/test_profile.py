@@ -49,6 +49,7 @@ def test_rays_end_on_the_first_sheet():
     np.testing.assert_allclose(up, 0.3, atol=5e-3)
 
 
+@pytest.mark.slow
 def test_profiles_of_an_ellipsoid_of_revolution():
     """r(z) = a √(1 − z²/c²) and an ellipse in the meridian; both follow the body around."""
     mesh, x = ellipsoid((1.0, 1.0, 1.5), 2, 2)
@@ -70,6 +71,7 @@ def test_profiles_of_an_ellipsoid_of_revolution():
     np.testing.assert_allclose(turned, found, atol=1e-12)
 
 
+@pytest.mark.slow
 def test_derivatives():
     mesh, x = ellipsoid(tuple(AXES), 0, 2)
     w, phi = jr.normal(jr.key(2), (6,)), jr.normal(jr.key(3), x.shape)

@@ -45,6 +45,7 @@ def test_material_derivatives_of_the_exact_surface(make):
         assert float(defect) < 1e-12, name
 
 
+@pytest.mark.slow
 def test_discrete_identities_hold_with_order_four():
     rows = verify.identity_rows(verify.bumpy_surface(), (1, 2))
     orders = {row["identity"]: row["error_order"] for row in rows if "h" in row}

@@ -76,7 +76,7 @@ def test_the_balanced_sphere_is_stationary_for_its_energy_and_breathes_at_the_ra
     flow = balanced_flow(H0, sigma, b_b, R0)
 
     def rate(R):
-        slope = jax.grad(sphere_energy)(R, b_b, H0, flow.global_energy)
+        slope = jax.grad(sphere_energy)(R, b_b, H0, flow.load_energy)
         return -slope / (4 * jnp.pi * R**2)
 
     at, slope = jax.value_and_grad(rate)(jnp.asarray(R0))
