@@ -71,8 +71,8 @@ def irregular(volumes) -> list[dict]:
             {
                 "v": v,
                 "nodes": mesh.n_nodes,
-                "energy": float(shape.bending_over_8pi_kappa),
-                "reference": OBLATE[v],
+                "energy": f"{float(shape.bending_over_8pi_kappa):.8f}",
+                "reference": f"{OBLATE[v]:.8f}",
                 "error": float(shape.bending_over_8pi_kappa) - OBLATE[v],
                 "sigma": float(shape.scaled_tension),
                 "P": float(shape.scaled_pressure),
