@@ -173,6 +173,7 @@ def test_an_earlier_run_is_replaced_only_on_request(case, tmp_path, capsys):
     assert main([*arguments, "--replace"]) == 0
 
 
+@pytest.mark.slow
 def test_a_terminal_gets_one_line_that_is_rewritten(case, tmp_path):
     pty = pytest.importorskip("pty")
     ours, theirs = pty.openpty()
@@ -333,6 +334,7 @@ picture = false
 """
 
 
+@pytest.mark.slow
 def test_an_equilibrium_and_its_branch_print_their_progress_and_their_end(tmp_path, capsys):
     (tmp_path / "case.toml").write_text(VESICLE, encoding="utf-8")
     lines = {}

@@ -128,6 +128,7 @@ def jacobian(outputs):
     return np.stack([pull(jnp.array(row))[0] for row in np.eye(3)])
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("k", range(4), ids=["solute", "ambient", "nonlocal", "difference"])
 def test_derivatives_by_the_constants_agree_with_differences(outputs, jacobian, k):
     of, values = outputs

@@ -37,6 +37,7 @@ def multipliers(A, V, M):
     return jnp.stack([sigma, pressure, 2 * stiffness * excess * 0.1 / A])
 
 
+@pytest.mark.slow
 def test_the_law_of_a_sum_is_minus_the_gradient_of_the_sum():
     """V = … − σH + P − 2mK − ½(φH + ∂_νφ) beside the bending force, and dE(φν) = −∫Vφ."""
     mesh, x = jw.mesh.ellipsoid(AXES, level=2, degree=2)

@@ -94,6 +94,7 @@ def test_symmetries():
     np.testing.assert_allclose(scaled["moments"], powers * here["moments"], rtol=1e-11)
 
 
+@pytest.mark.slow
 def test_derivatives():
     mesh, x = ellipsoid(tuple(AXES), 0, 2)
     phi, w = jr.normal(jr.key(1), x.shape), jnp.arange(1.0, 5.0)
