@@ -10,6 +10,7 @@ from ._error import PlotError, matplotlib_figure, save
 
 _BLUE, _ORANGE, _GREEN, _RED, _GREY = "#2563a8", "#d9822b", "#2f8f6b", "#c23b3b", "#8a94a0"
 _INK = "#1f2933"
+_ROUNDING = 1e-13
 
 
 class _Columns:
@@ -140,7 +141,7 @@ def _steps(axes, data: _Columns) -> None:
         axes.set_zorder(other.get_zorder() + 1)
         axes.patch.set_visible(False)
     _curve(axes, data.t, np.where(dt > 0, dt, np.nan), _BLUE, None)
-    hit = np.flatnonzero(rejected > 0)
+    hit = np.flatnonzero(np.diff(rejected, prepend=0.0) > 0)
     if len(hit):
         axes.plot(
             data.t[hit], dt[hit], "x", color=_RED, ms=7, mew=1.8, label="after a rejected step"
@@ -168,7 +169,8 @@ def _normals(axes, data: _Columns) -> None:
         ("normal_distance", _ORANGE, "‖ν − normal of x‖"),
     ):
         y = data[name]
-        y = np.where(y > 0, y, np.nan)
+        # Interpolated initial fields have no defect but rounding.
+        y = np.where(y > _ROUNDING, y, np.nan)
         if np.any(np.isfinite(y)):
             _curve(axes, data.t, y, colour, label)
             shown.append(y)
@@ -206,7 +208,7 @@ def history_picture(
     **Arguments:**
 
     - `rows`: one dictionary per step, as in `history.csv` (`jaxwillmore.io.read_history`).
-        `rejected_steps` counts the attempts that were rejected before the step.
+        `rejected_steps` counts all attempts that were rejected so far.
     - `reference`: name -> value of ½∫H² to compare with, for example `{"8π": 8 * math.pi}`.
 
     **Raises:** `PlotError` when there are no rows, matplotlib is missing, or the file cannot be

@@ -20,7 +20,7 @@ def rows(n=60, **constant):
             "willmore_of_field": energy * 1.001, "area": 12.0, "volume": 3.0 + t,
             "reduced_volume": 0.9, "min_angle": 30.0, "max_angle": 100.0,
             "normal_length_defect": 1e-4, "normal_distance": 1e-3, "newton_iterations": 3,
-            "krylov_iterations": 50, "rejected_steps": step % 20 == 19,
+            "krylov_iterations": 50, "rejected_steps": (step + 1) // 20,
         }  # fmt: skip
         out.append(row | constant)
     return out
