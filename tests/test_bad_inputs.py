@@ -5,6 +5,9 @@ and settings (49–53). Each ends in an error or a warning that names what and w
 answer. The tests of the readers, of the check and of case files hold many more of each kind.
 """
 
+# What users type is wrong here on purpose.
+# pyright: reportArgumentType=false, reportCallIssue=false
+
 import re
 import warnings
 

@@ -57,7 +57,7 @@ def checked_tolerances(**tolerances: Any) -> None:
         offered = name != "newton_tolerance"
         if value is None and offered:
             continue
-        if not (_is_finite(value) and value > 0):
+        if value is None or not (_is_finite(value) and value > 0):
             also = ", or None" if offered else ""
             raise ValueError(f"`{name}` must be a positive number{also}; got {value!r}.")
 

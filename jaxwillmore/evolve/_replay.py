@@ -103,23 +103,24 @@ def replay(
     checked_instances(flow, mesh)
     checked_order(bdf_order)
     times, x0 = checked_schedule(times), checked_nodes(mesh, x0)
-    if stepper is None:
-        stepper = Stepper(
+    advance = (
+        Stepper(
             flow,
             mesh,
             scheme=scheme,
             newton_tolerance=newton_tolerance,
             linear_solver=linear_solver,
         )
-    else:
-        stepper = eqx.tree_at(lambda s: s.problem.flow, stepper, flow)
+        if stepper is None
+        else eqx.tree_at(lambda s: s.problem.flow, stepper, flow)
+    )
     depth = max(bdf_order + 1, 3)
     fields = flow.initial_fields(mesh, x0, checked_fields(flow, mesh, initial))
-    history = stepper.start(times[0], x0, fields, depth)
+    history = advance.start(times[0], x0, fields, depth)
 
     def step(history, inputs):
         w, t = inputs
-        attempt = stepper(history, w, t)
+        attempt = advance(history, w, t)
         new = history.push(t, attempt.x, attempt.U, attempt.multipliers)
         converged = attempt.result == optx.RESULTS.successful
         return new, (attempt.x, attempt.U, attempt.multipliers, converged)

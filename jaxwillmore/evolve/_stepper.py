@@ -191,7 +191,7 @@ class Stepper(eqx.Module):
         extent = 2 * jnp.max(jnp.linalg.norm(_safe(reach), axis=1))
         error = jnp.max(jnp.linalg.norm(_safe(x - predicted), axis=1)) / ((order + 1) * extent)
         error = jnp.where(jnp.all(jnp.isfinite(x)), error, jnp.inf)
-        return Attempt(x, U, multipliers, result, error, **stats)
+        return Attempt(x, U, multipliers, result, error, **stats)  # pyright: ignore[reportCallIssue]
 
     def _implicit(self, data, guess, multipliers):
         flow = self.problem.flow

@@ -7,6 +7,7 @@ import collections
 import concurrent.futures
 import itertools
 import os
+from collections.abc import Callable
 
 import numpy as np
 from scipy.sparse.linalg import LinearOperator, gmres
@@ -23,7 +24,7 @@ SUCCESS, NOT_CONVERGED, SINGULAR, NON_FINITE = range(4)
 class Backend:
     """How matrices are factorised: block groups for the preconditioner, and a direct solver."""
 
-    def __init__(self, groups: tuple, direct: bool, factorise=SuperLU):
+    def __init__(self, groups: tuple, direct: bool, factorise: Callable = SuperLU):
         self.groups = groups
         self.direct = direct
         self.factorise = factorise
@@ -92,13 +93,13 @@ class _Entry:
                     return np.full_like(rhs, np.nan), len(iterations), SINGULAR
                 continue
             x, info = gmres(
-                LinearOperator(shape, matvec=times, dtype=float),
+                LinearOperator(shape, matvec=times, dtype=float),  # pyright: ignore
                 rhs,
                 rtol=rtol,
                 atol=0.0,
                 restart=MAX_ITERATIONS // 2,
                 maxiter=2,
-                M=LinearOperator(shape, matvec=preconditioner, dtype=float),
+                M=LinearOperator(shape, matvec=preconditioner, dtype=float),  # pyright: ignore
                 callback=iterations.append,
                 callback_type="pr_norm",
             )

@@ -10,8 +10,8 @@ LEAF = 8
 
 def _levels(graph: sp.csr_matrix, start: int) -> tuple[np.ndarray, np.ndarray]:
     """Breadth-first order from `start` and the distance of every reached node."""
-    order, parent = breadth_first_order(graph, start, directed=False)
-    level = np.full(graph.shape[0], -1, np.int64)
+    order, parent = map(np.asarray, breadth_first_order(graph, start, directed=False))
+    level = np.full(graph.shape[0], -1, np.int64)  # pyright: ignore[reportOptionalSubscript]
     level[start] = 0
     # Parents precede children, so one pass over whole layers fills the distances.
     pending = order[1:]
@@ -24,7 +24,7 @@ def _levels(graph: sp.csr_matrix, start: int) -> tuple[np.ndarray, np.ndarray]:
 
 def _split(graph: sp.csr_matrix) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Two parts and the separator between them, as index arrays."""
-    n = graph.shape[0]
+    n = graph.shape[0]  # pyright: ignore[reportOptionalSubscript]
     order, _ = _levels(graph, 0)
     if len(order) < n:
         rest = np.setdiff1d(np.arange(n), order)
@@ -72,7 +72,7 @@ def nested_dissection(graph: sp.csr_matrix) -> np.ndarray:
     """
     pieces: list[np.ndarray] = []
     # Depth first, separator before both halves; reversed at the end, so separators come last.
-    stack = [np.arange(graph.shape[0])]
+    stack = [np.arange(graph.shape[0])]  # pyright: ignore[reportOptionalSubscript]
     while stack:
         nodes = stack.pop()
         if len(nodes) <= LEAF:

@@ -58,7 +58,7 @@ def sphere_radius(
             raise ValueError(f"The sphere has vanished before t = {t}.")
     if elapsed == 0:
         return radius
-    y = brentq(remaining, low, high, xtol=1e-15, rtol=1e-15)
+    y = brentq(remaining, low, high, xtol=1e-15, rtol=1e-15)  # pyright: ignore[reportArgumentType]
     return (2 - side * math.exp(float(y))) / H0  # pyright: ignore[reportArgumentType]
 
 

@@ -219,9 +219,21 @@ def equilibrium_sensitivity(shape: Equilibrium, *, held: bool = True) -> Sensiti
             changed += [q["area"], q["reduced_volume"] * ball, p.tension, p.pressure]
         else:
             changed += [p.area, p.volume, q["sigma"], q["P"]]
-        again = resolve(shape, type(p)(*changed), tolerance=1e-12)
+        again = resolve(shape, eqx.tree_at(_numbers, p, tuple(changed)), tolerance=1e-12)
         outputs = shape_outputs(shape.mesh, again.x, points)
         multipliers = {"tension": again.tension, "pressure": again.pressure}
         return outputs | {"bending energy": again.energy} | (multipliers if held else {})
 
     return Sensitivity("equilibrium, held" if held else "equilibrium, loaded", found, at, steps)
+
+
+def _numbers(p):
+    """The numbers among the parameters of an equilibrium."""
+    return (
+        p.bending_modulus,
+        p.spontaneous_curvature,
+        p.area,
+        p.volume,
+        p.tension,
+        p.pressure,
+    )
