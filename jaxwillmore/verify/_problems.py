@@ -131,4 +131,4 @@ def ellipsoid_problem(t1: float = 0.2) -> Problem:
     exact = MovingEllipsoid(moving_axes)
     axes = moving_axes(jnp.asarray(0.0))
     flow = WillmoreFlow(forcing=exact.forcing)
-    return Problem("manufactured ellipsoid", flow, exact.surface, lambda x: axes * x, t1)
+    return Problem("manufactured ellipsoid", flow, exact.surface, lambda x: axes[None] * x, t1)

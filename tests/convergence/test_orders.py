@@ -32,8 +32,9 @@ def test_bdf_has_its_order(study, order):
 
 
 def test_the_linearly_implicit_scheme_has_the_order_of_its_extrapolation(study):
+    """Of position and curvature; the normal of a sphere is exact to 1e-7 whatever the step."""
     rows = study.orders(2, (40, 80), scheme="linearly-implicit")
-    for name in ("x_l2", "nu_l2", "H_l2"):
+    for name in ("x_l2", "x_h1", "H_l2", "H_h1"):
         assert abs(rows[-1][f"{name}_order"] - 2) < 0.3, rows[-1]
 
 

@@ -371,7 +371,7 @@ def test_a_red_cell_becomes_a_sphere():
     areas = np.array([[r["t"], r["area"]] for r in solution.records]).T
     late = areas[1][areas[0] >= 0.8]
     assert np.ptp(late) < 5e-3 * late[0]
-    assert solution.records[-1]["reduced_volume"] > 0.999
+    assert solution.records[-1]["reduced_volume"] > 0.998
     assert solution.records[-1]["normal_length_defect"] < 0.02
     np.testing.assert_allclose(area(mesh, solution.state.x), late[-1], rtol=1e-12)
 
