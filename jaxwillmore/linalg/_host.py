@@ -18,6 +18,7 @@ from ._krylov import Bordered, GaussSeidel, block_matrix
 
 # More iterations than this cost more than a factorisation of the whole system.
 MAX_ITERATIONS = 80
+MAX_CYCLES = 20
 SUCCESS, NOT_CONVERGED, SINGULAR, NON_FINITE = range(4)
 
 
@@ -92,16 +93,12 @@ class _Entry:
                 if direct:
                     return np.full_like(rhs, np.nan), len(iterations), SINGULAR
                 continue
-            x, info = gmres(
+            x, info = _gmres(
                 LinearOperator(shape, matvec=times, dtype=float),  # pyright: ignore
+                LinearOperator(shape, matvec=preconditioner, dtype=float),  # pyright: ignore
                 rhs,
-                rtol=rtol,
-                atol=0.0,
-                restart=MAX_ITERATIONS // 2,
-                maxiter=2,
-                M=LinearOperator(shape, matvec=preconditioner, dtype=float),  # pyright: ignore
-                callback=iterations.append,
-                callback_type="pr_norm",
+                rtol,
+                iterations,
             )
             if info == 0:
                 break
@@ -115,6 +112,41 @@ class _Entry:
         b = np.linalg.norm(rhs)
         floor = min(1e-14 * np.max(np.abs(self._data)) * np.linalg.norm(x), 1e-3 * b)
         return bool(np.linalg.norm(defect) <= max(10 * rtol * b, floor))
+
+
+class _Stalled(Exception):
+    """GMRES has used up its iterations."""
+
+
+def _gmres(matrix, preconditioner, rhs: np.ndarray, rtol: float, iterations: list[float]):
+    """Solution and 0, or anything and 1 after `MAX_ITERATIONS`; residual norms are appended.
+
+    A cycle ends early when the *preconditioned* residual is small; whether the true one is small is
+    seen only then, and the next cycle aims lower. Many short cycles are normal on fine meshes, so
+    their number is not limited, only that of all iterations together.
+    """
+    allowed = len(iterations) + MAX_ITERATIONS
+
+    def count(norm: float) -> None:
+        iterations.append(norm)
+        if len(iterations) >= allowed:
+            raise _Stalled
+
+    try:
+        x, info = gmres(
+            matrix,
+            rhs,
+            rtol=rtol,
+            atol=0.0,
+            restart=MAX_ITERATIONS // 2,
+            maxiter=MAX_CYCLES,
+            M=preconditioner,
+            callback=count,
+            callback_type="pr_norm",
+        )
+    except _Stalled:
+        return rhs, 1
+    return x, info
 
 
 class Host:
