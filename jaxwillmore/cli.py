@@ -2,10 +2,8 @@
 
 import argparse
 import io
-import math
 import os
 import sys
-import time
 import warnings
 from collections.abc import Callable, Sequence
 from typing import Any
@@ -143,10 +141,15 @@ def _branch(args: argparse.Namespace) -> int:
 def _computed(args: argparse.Namespace, command: Any, compute: Any, closing: Any) -> int:
     """Load a case, compute, say how it ended; the exit status."""
     from .cases import CaseError, load_case
+    from .evolve import TextProgressMeter
     from .io import RunFolderError
     from .mesh import SurfaceError
 
-    progress = None if args.quiet else _progress_line(sys.stdout)
+    meter = None if args.quiet else TextProgressMeter()
+    progress = None
+    if meter is not None:
+        meter.start()
+        progress = _shown_by(meter)
     try:
         case = load_case(args.case, command)
         existing = "replace" if args.replace else "refuse"
@@ -158,8 +161,8 @@ def _computed(args: argparse.Namespace, command: Any, compute: Any, closing: Any
         return _complain(error, BAD_INPUT)
     except (SurfaceError, OSError) as error:
         return _complain(error, FAILED)
-    if progress is not None:
-        progress(None)
+    if meter is not None:
+        meter.close()
         print(closing(run.summary))
         for found in run.summary["health"]:
             print(f"warning: {found['kind']}: {found['message']}")
@@ -275,42 +278,17 @@ def _plain(value: object) -> str:
     return str(list(value)) if isinstance(value, tuple) else str(value)
 
 
-def _progress_line(stream) -> Callable[[dict[str, Any] | None], None]:
-    """One line that is rewritten on a terminal, else a plain line every few seconds.
-
-    Call it with the record of every step, and with None at the end.
-    """
-    on_terminal = stream.isatty()
-    shown_at = -math.inf
-    width = 0
-
-    def show(line: str) -> None:
-        nonlocal width
-        print(("\r" + line.ljust(width)) if on_terminal else line, end="", file=stream)
-        print(end="" if on_terminal else "\n", file=stream, flush=True)
-        width = len(line)
-
-    def progress(record: dict[str, Any] | None) -> None:
-        nonlocal shown_at
-        now = time.monotonic()
-        if record is None:
-            print(end="\n" if on_terminal else "", file=stream, flush=True)
-        elif now - shown_at >= (0.1 if on_terminal else 5.0):
-            shown_at = now
-            show(_progress_words(record))
-
-    show("preparing the first step (it compiles, which takes a while) ...")
-    return progress
+def _shown_by(meter) -> Callable[[dict[str, Any]], None]:
+    """What is called with the record of every step, point or iteration."""
+    return lambda record: meter.update(_progress_words(record))
 
 
 def _progress_words(record: dict[str, Any]) -> str:
     """A line about a time step, a pseudo-time step, or a point of a branch."""
     if "t" in record:
-        return (
-            f"step {record['step']:5d}  t {record['t']:.4g}  dt {record['dt']:.2e}  "
-            f"energy {record['energy']:.6g}  area {record['area']:.5g}  "
-            f"angle >= {record['min_angle']:.1f}  rejected {record['rejected_steps']}"
-        )
+        from .evolve import progress_text
+
+        return progress_text(record)
     if "tau" in record:
         return (
             f"pseudo-time step {record['step']:3d}  tau {record['tau']:.2e}  "

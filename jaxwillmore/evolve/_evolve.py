@@ -128,11 +128,13 @@ def evolve(
     )
     fields = flow.initial_fields(mesh, x0, given)
     if progress_meter is not None:
-        progress_meter.show("preparing the first step (it compiles, which takes a while) ...")
-    with catch_interrupts() as interrupted:
-        solution = loop.run(x0, fields, t0, t1, dt0, interrupted)
-    if progress_meter is not None:
-        progress_meter.close()
+        progress_meter.start()
+    try:
+        with catch_interrupts() as interrupted:
+            solution = loop.run(x0, fields, t0, t1, dt0, interrupted)
+    finally:
+        if progress_meter is not None:
+            progress_meter.close()
     if throw and not solution.succeeded:
         raise RuntimeError(
             f"The run stopped at t = {solution.state.t:.6g} of {t1:.6g} "

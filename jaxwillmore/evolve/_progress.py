@@ -37,6 +37,10 @@ class TextProgressMeter:
         self._interval = usual if interval is None else interval
         self._width, self._shown_at = 0, -math.inf
 
+    def start(self) -> None:
+        """Say what happens before the first step."""
+        self.show("preparing the first step (it compiles, which takes a while) ...")
+
     def show(self, line: str) -> None:
         """Write a line now."""
         if self._on_terminal:

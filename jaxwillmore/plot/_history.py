@@ -123,6 +123,11 @@ def _measures(axes, data: _Columns) -> None:
     _legend(axes, loc="best")
 
 
+def after_rejections(total: np.ndarray) -> np.ndarray:
+    """The rows at which the number of rejected attempts so far has grown."""
+    return np.flatnonzero(np.diff(total, prepend=0.0) > 0)
+
+
 def _steps(axes, data: _Columns) -> None:
     _style(axes, "step size")
     dt = data["dt"]
@@ -141,7 +146,7 @@ def _steps(axes, data: _Columns) -> None:
         axes.set_zorder(other.get_zorder() + 1)
         axes.patch.set_visible(False)
     _curve(axes, data.t, np.where(dt > 0, dt, np.nan), _BLUE, None)
-    hit = np.flatnonzero(np.diff(rejected, prepend=0.0) > 0)
+    hit = after_rejections(rejected)
     if len(hit):
         axes.plot(
             data.t[hit], dt[hit], "x", color=_RED, ms=7, mew=1.8, label="after a rejected step"

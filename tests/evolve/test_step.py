@@ -33,6 +33,17 @@ def case():
     return stepper, history, data
 
 
+def test_data_of_a_step_are_those_of_the_extrapolated_surface(case):
+    """Not of the old one, which would make the step of first order in time."""
+    stepper, history, data = case
+
+    def alpha(x, U):
+        return FLOW.nodal_data(stepper.problem.mesh, data.t, x, stepper.fields(U))[:, 0]
+
+    np.testing.assert_allclose(data.data[:, 0], alpha(data.x_hat, data.hat), rtol=1e-12)
+    assert abs(float(alpha(history.x[0], history.U[0])[0] / data.data[0, 0]) - 1) > 1e-2
+
+
 def dense(operator):
     """The matrix, column by column of the identity, as the solver will see it."""
     pattern, data = operator.pattern, np.asarray(operator.data)

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from jaxwillmore.plot import PlotError, history_picture
+from jaxwillmore.plot._history import after_rejections
 
 pytest.importorskip("matplotlib")
 
@@ -70,3 +71,10 @@ def test_nothing_to_draw_is_a_plot_error(tmp_path):
     with pytest.raises(PlotError, match="cannot write"):
         history_picture(tmp_path / "no" / "a.png", rows(3))
     assert not list(tmp_path.iterdir())
+
+
+def test_only_the_steps_after_a_rejection_are_marked():
+    """The count of a history is that of all attempts so far."""
+    assert after_rejections(np.array([0.0, 0, 1, 1, 3, 3])).tolist() == [2, 4]
+    assert after_rejections(np.array([2.0, 2, 2])).tolist() == [0]
+    assert after_rejections(np.full(3, np.nan)).tolist() == []
