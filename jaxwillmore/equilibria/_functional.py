@@ -100,6 +100,29 @@ def density(P, H0, kappa, tension, pressure) -> Float[Array, ""]:
     return here.dA * (bending + work)
 
 
+def second_derivatives(P: Float[Array, "6 3"], H0, kappa, tension, pressure):
+    r"""Second derivatives of `density` at one quadrature point.
+
+    Only the two tangents are differentiated twice: `density` is linear in the position and, but
+    for $-|y|^2/2\kappa$, in the jet of $y$.
+
+    **Returns:** the derivative of the gradient by the jet of $x$, of shape `(6, 3, 3, 3)`, and the
+    one number on the diagonal of the derivative by the value of $y$ twice.
+    """
+
+    def gradient(J):
+        jets = jnp.concatenate([jnp.concatenate([P[:3, :1], J], axis=1), P[3:]])
+        return jax.grad(density)(jets, H0, kappa, tension, pressure)
+
+    J = P[:3, 1:]
+    by_J = jax.jacfwd(gradient)(J)
+    of_position = jnp.moveaxis(by_J[:3, 0], 0, -1)  # by a tangent and the position
+    by_position = jnp.concatenate([jnp.zeros((3, 1, 3)), of_position], axis=1)
+    by_position = jnp.concatenate([by_position, jnp.zeros((3, 3, 3))])
+    by_x = jnp.concatenate([by_position[..., None], by_J], axis=3)
+    return by_x, -jnp.linalg.norm(jnp.cross(J[:, 0], J[:, 1])) / kappa
+
+
 def integral(mesh: SurfaceMesh, rule: Rule, x, y, coefficients) -> Float[Array, ""]:
     """Integral of `density`; `coefficients` are its last four arguments."""
 
@@ -274,21 +297,20 @@ class EquilibriumSystem(AbstractSparseSystem):
         """Second derivative of L by the nodal unknowns."""
         s, Y, g = self.unpack(y)
         r, coefficients = self.reference, self.coefficients(g)
+        pairs = jnp.einsum("q,qmi,qnj->qijmn", r.rule.weights, r.rule.phi, r.rule.phi)
 
         def cell(inputs):
             fields, n_T = inputs
-
-            def at(phi, weight):
-                hessian = jax.hessian(density)(fields.T @ phi, *coefficients)
-                return weight * jnp.einsum("mi,figj,nj->mnfg", phi, hessian, phi)
-
-            full = jnp.sum(jax.vmap(at)(r.rule.phi, r.rule.weights), axis=0)
-            # Nodes move along their normals only: contract the three columns of x with n.
-            zero, eye = jnp.zeros((n_T.shape[0], 3, 3)), jnp.eye(3)
-            to_x = jnp.concatenate([n_T[:, :, None], zero], axis=2)
-            to_y = jnp.concatenate([zero[:, :, :1], zero + eye[None]], axis=2)
-            N = jnp.concatenate([to_x, to_y], axis=1)
-            return jnp.einsum("mfa,mnfg,ngb->mnab", N, full, N)
+            P = jnp.einsum("mf,qmi->qfi", fields, r.rule.phi)
+            by_x, by_y = jax.vmap(lambda P: second_derivatives(P, *coefficients))(P)
+            both = jnp.einsum("qfigj,qijmn->mnfg", by_x, pairs)
+            # Nodes move along their normals only.
+            s_s = jnp.einsum("mf,mnfg,ng->mn", n_T, both[:, :, :3], n_T)
+            y_s = jnp.einsum("mnfg,ng->mnf", both[:, :, 3:], n_T)
+            y_y = jnp.einsum("q,qmn,fg->mnfg", by_y, pairs[:, 0, 0], jnp.eye(3))
+            of_s = jnp.concatenate([s_s[..., None, None], y_s.swapaxes(0, 1)[..., None, :]], axis=3)
+            of_y = jnp.concatenate([y_s[..., None], y_y], axis=3)
+            return jnp.concatenate([of_s, of_y], axis=2)
 
         fields = jnp.concatenate([r.positions(s), Y], axis=1)
         cells = gather(r.mesh, fields), gather(r.mesh, r.n)
