@@ -5,7 +5,7 @@ import jax.numpy as jnp
 import optimistix as optx
 from jaxtyping import Array, Float, Int
 
-from ..linalg import SparseNewton, SparseSolver
+from ..linalg import EXACT, SparseNewton, SparseSolver
 from ._functional import EquilibriumSystem
 
 
@@ -30,18 +30,20 @@ def _residual(v, system):
 def newton(
     system: EquilibriumSystem,
     start: Float[Array, " unknowns"],
-    tolerance: float,
+    tolerance: float | Float[Array, ""],
     max_steps: int,
     linear_solver: str,
+    exact: float | Float[Array, ""] = EXACT,
 ) -> Solved:
     """Solve a system from a start; differentiable in the system by the implicit function theorem.
 
+    `tolerance` is the largest error of the unknowns, `exact` the largest residual of constraints.
     The stiff saddle-point matrix is factorised as a whole, in nested-dissection order.
     """
     solver = SparseSolver(rtol=1e-11, method=linear_solver)
     solution = optx.root_find(
         _residual,
-        SparseNewton(tolerance, solver),
+        SparseNewton(tolerance, solver, exact=exact),
         start,
         system,
         max_steps=max_steps,

@@ -1,6 +1,6 @@
 """Sparse linear and nonlinear systems; knows nothing about surfaces."""
 
-from ._newton import SparseNewton as SparseNewton
+from ._newton import EXACT as EXACT, SparseNewton as SparseNewton
 from ._operator import Border as Border, SparseOperator as SparseOperator
 from ._pattern import (
     BlockPattern as BlockPattern,

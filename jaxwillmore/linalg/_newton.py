@@ -50,9 +50,11 @@ class SparseNewton(optx.AbstractRootFinder):
 
     **Arguments:**
 
-    - `atol`: largest error of the unknowns, which the system scales to order one.
+    - `atol`: largest error of the unknowns, which the system scales to order one. An array does
+      not compile again for another value.
     - `linear_solver`: a `SparseSolver`.
     - `linear`: the system is linear: one iteration.
+    - `exact`: largest residual of the global equations.
 
     **Raises** (as results of `optimistix.root_find`): `nonlinear_divergence` when corrections
     grow although the Jacobian is new, `nonlinear_max_steps_reached`, `nonfinite`, and the failures
@@ -60,14 +62,21 @@ class SparseNewton(optx.AbstractRootFinder):
     """
 
     rtol: float = eqx.field(static=True)
-    atol: float = eqx.field(static=True)
+    atol: float | Float[Array, ""]
     norm: Callable[[PyTree], Array] = eqx.field(static=True)
     linear_solver: SparseSolver
     linear: bool = eqx.field(static=True)
+    exact: float | Float[Array, ""]
 
-    def __init__(self, atol: float, linear_solver: SparseSolver, linear: bool = False):
+    def __init__(
+        self,
+        atol: float | Float[Array, ""],
+        linear_solver: SparseSolver,
+        linear: bool = False,
+        exact: float | Float[Array, ""] = EXACT,
+    ):
         self.rtol, self.atol, self.norm = 0.0, atol, optx.max_norm
-        self.linear_solver, self.linear = linear_solver, linear
+        self.linear_solver, self.linear, self.exact = linear_solver, linear, exact
 
     def init(self, fn, y, args, options, f_struct, aux_struct, tags):
         del options, f_struct, aux_struct, tags
@@ -170,7 +179,7 @@ class SparseNewton(optx.AbstractRootFinder):
         if args.n_globals:
             # Global equations are constraints: they hold to the end, not to the tolerance.
             tail = state.f[-args.n_globals :]
-            converged = converged & (jnp.max(jnp.abs(tail)) <= EXACT)
+            converged = converged & (jnp.max(jnp.abs(tail)) <= self.exact)
         converged = (converged & (state.damping == 1.0)) | self.linear
         started = state.step > 0
         # A correction with an old Jacobian may be far too small: what follows it then grows.
