@@ -13,7 +13,11 @@ from ._generators import (
     torus as torus,
 )
 from ._quality import Quality as Quality, quality as quality
-from ._refine import raise_degree as raise_degree, refine as refine
+from ._refine import (
+    prolongate as prolongate,
+    raise_degree as raise_degree,
+    refine as refine,
+)
 from ._report import (
     Finding as Finding,
     SurfaceError as SurfaceError,

@@ -68,15 +68,53 @@ def refine(
     **Arguments:** as `raise_degree`.
     """
     mesh, points = _as_surface(mesh, x)
+    finer = _split(mesh)
+    nodes = _inherited(finer, _evaluate(mesh, points, _children(mesh.degree)))
+    nodes[: mesh.n_vertices] = points[: mesh.n_vertices]
+    return finer, _finished(nodes, project)
+
+
+def prolongate(mesh: SurfaceMesh, u: Float[Array, "nodes ..."]) -> Float[Array, "new_nodes ..."]:
+    """A finite element function on the mesh that `refine` makes of this one, unchanged.
+
+    **Arguments:**
+
+    - `mesh`: the mesh before it is refined.
+    - `u`: nodal values on it, of any number of components.
+
+    ```python
+    finer, y = jw.mesh.refine(mesh, x)
+    H = jw.mesh.prolongate(mesh, H)
+    ```
+    """
+    values = np.asarray(u, dtype=np.float64)
+    if values.shape[:1] != (mesh.n_nodes,):
+        raise ValueError(f"`u` must have {mesh.n_nodes} rows; got shape {values.shape}.")
+    flat = values.reshape(mesh.n_nodes, -1)
+    basis = lagrange_basis(mesh.degree, _children(mesh.degree))
+    inside = np.einsum("ql,tld->tqd", basis, flat[np.asarray(mesh.cells)])
+    finer = _split(mesh)
+    new = _inherited(finer, inside)
+    return jnp.asarray(new.reshape(finer.n_nodes, *values.shape[1:]))
+
+
+def _split(mesh: SurfaceMesh) -> SurfaceMesh:
     triangles, _ = split_triangles(np.asarray(mesh.triangles), mesh.n_vertices)
     n_vertices = mesh.n_vertices + mesh.n_edges
     cells, n_nodes = lagrange_cells(triangles, n_vertices, mesh.degree)
-    # The nodes of the four children, as points of the reference triangle of the parent.
-    xi = np.einsum("lc,scd->sld", lagrange_basis(1, lagrange_nodes(mesh.degree)), CHILD_CORNERS)
-    children = _evaluate(mesh, points, xi.reshape(-1, 2))
-    nodes = scatter(cells, n_nodes, children.reshape(len(cells), -1, 3))
-    nodes[: mesh.n_vertices] = points[: mesh.n_vertices]
-    return SurfaceMesh(cells, mesh.degree, n_nodes), _finished(nodes, project)
+    return SurfaceMesh(cells, mesh.degree, n_nodes)
+
+
+def _children(degree: int) -> Float[np.ndarray, "points 2"]:
+    """Nodes of the four children as points of the reference triangle of the parent."""
+    corners = lagrange_basis(1, lagrange_nodes(degree))
+    return np.einsum("lc,scd->sld", corners, CHILD_CORNERS).reshape(-1, 2)
+
+
+def _inherited(finer: SurfaceMesh, values) -> np.ndarray:
+    """Values at the nodes of the children of every cell as one array of nodes."""
+    of_child = values.reshape(finer.n_cells, -1, values.shape[-1])
+    return scatter(np.asarray(finer.cells), finer.n_nodes, of_child)
 
 
 def _as_surface(mesh, x) -> tuple[SurfaceMesh, np.ndarray]:

@@ -9,6 +9,7 @@ from jaxwillmore.mesh import (
     check_mesh,
     ellipsoid,
     icosphere,
+    prolongate,
     quality,
     raise_degree,
     refine,
@@ -162,3 +163,20 @@ def test_nodes_of_degree_four_on_the_lifting_do_not_depend_on_the_path():
     np.testing.assert_allclose(
         points_at(*direct, lagrange_nodes(2)), points_at(*detour, lagrange_nodes(2)), atol=1e-14
     )
+
+
+@pytest.mark.parametrize("degree", [2, 3])
+def test_prolongation_leaves_a_finite_element_function_unchanged(degree):
+    mesh, x = ellipsoid(level=1, degree=degree)
+    u = jnp.stack([jnp.sin(3 * x), jnp.cos(x)], axis=1)
+    finer, y = refine(mesh, x)
+    # The surface is a finite element function of itself.
+    np.testing.assert_allclose(prolongate(mesh, x), y, atol=1e-15)
+    there = prolongate(mesh, u)
+    assert there.shape == (finer.n_nodes, 2, 3)
+    # Corner 0 of a parent is corner 0 of its first child, whose centre is a point of the parent.
+    inside = np.array([[1 / 6, 1 / 6]])
+    child = points_at(finer, there.reshape(-1, 6), 2 * inside)[::4]
+    np.testing.assert_allclose(child, points_at(mesh, u.reshape(-1, 6), inside), atol=1e-14)
+    with pytest.raises(ValueError, match="rows"):
+        prolongate(finer, u)
