@@ -11,6 +11,7 @@ from ._diagnostics import (
 from ._equilibrium import equilibrium as equilibrium
 from ._parameters import Parameters as Parameters
 from ._reference import smoothed as smoothed
+from ._refined import refined as refined
 from ._results import (
     BRANCH_RESULTS as BRANCH_RESULTS,
     RESULTS as RESULTS,
