@@ -96,20 +96,25 @@ def cell_jacobians(
     With `dx_dU`, positions follow the unknowns node by node, and the derivative is the total one.
     """
 
+    # The sum over quadrature points and reference derivatives is one matrix product per batch.
+    pairs = jnp.einsum("q,qmi,qnj->qijmn", rule.weights, rule.phi, rule.phi)
+
     def cell(x_T, U_T, Z_T, dx_T):
-        def at(phi, weight):
+        def by_jets(phi):
             P, X, Z = U_T.T @ phi, x_T.T @ phi, Z_T.T @ phi
             DP = jax.jacfwd(lambda P: form.flux(P, X, Z, args))(P)
-            J = jnp.einsum("mi,figj,nj->mnfg", phi, DP, phi)
             if dx_dU is None:
-                return weight * J
+                return DP, None
             # The form does not move with the position itself unless it says so by its value,
             # hence all three columns of X are differentiated.
-            DX = jax.jacfwd(lambda X: form.flux(P, X, Z, args))(X)
-            JX = jnp.einsum("mi,ficj,nj->mnfc", phi, DX, phi)
-            return weight * (J + jnp.einsum("mnfc,ncg->mnfg", JX, dx_T))
+            return DP, jax.jacfwd(lambda X: form.flux(P, X, Z, args))(X)
 
-        return jnp.sum(jax.vmap(at)(rule.phi, rule.weights), axis=0)
+        DP, DX = jax.vmap(by_jets)(rule.phi)
+        J = jnp.einsum("qfigj,qijmn->mnfg", DP, pairs)
+        if dx_dU is None:
+            return J
+        JX = jnp.einsum("qficj,qijmn->mnfc", DX, pairs)
+        return J + jnp.einsum("mnfc,ncg->mnfg", JX, dx_T)
 
     def one(inputs):
         return cell(*inputs)
