@@ -120,10 +120,13 @@ def peak() -> float:
 
 
 def in_a_process(**row) -> dict:
-    """The row computed by a process of its own."""
+    """The row computed by a process of its own; it is shown at once, the table comes last."""
     command = [sys.executable, __file__, "--row", json.dumps(row)]
     done = subprocess.run(command, check=True, capture_output=True, text=True)
-    return json.loads(done.stdout.splitlines()[-1])
+    found = json.loads(done.stdout.splitlines()[-1])
+    words = (f"{k} {v:.3g}" if isinstance(v, float) else f"{k} {v}" for k, v in found.items())
+    print(", ".join(words), file=sys.stderr, flush=True)
+    return found
 
 
 def main() -> None:

@@ -32,7 +32,7 @@ FIRST_TAU = 1e-3
 SMALLEST_TAU = 1e-9
 GROWTH, SHRINKAGE = 3.0, 5.0
 # Largest displacement of a step, in units of the size of the surface.
-LARGEST_STEP = 0.1
+LARGEST_STEP = 0.12
 MAX_ITERATIONS = 12
 # A step that the next one corrects needs no more than this.
 LOOSE = 1e-3
