@@ -32,7 +32,7 @@ import jaxwillmore as jw
 from jaxwillmore.verify import format_table, rough_sphere
 
 TAU = 2e-4
-WAYS = ("run", "gradient", "gradient, checkpoints")
+WAYS = ("run", "gradient", "gradient, no checkpoints")
 
 
 def spent(call):
@@ -56,7 +56,7 @@ def trajectory_row(level: int, n_steps: int, way: str) -> dict:
             x,
             times,
             stepper=stepper,
-            checkpoint=way == "gradient, checkpoints",
+            checkpoint=way != "gradient, no checkpoints",
         )
         return jw.energies.Willmore()(mesh, run.x[-1]) + jnp.vdot(weights, run.x[-1])
 

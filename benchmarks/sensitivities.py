@@ -1,9 +1,11 @@
 """Derivatives of every output by every parameter: Taylor's slope, forward against reverse mode.
 
-    python benchmarks/sensitivities.py [--full] [run-loaded run-held held loaded]
+    python benchmarks/sensitivities.py [--full] [MAP ...]
 
-Maps: the end of a run with tension, pressure and osmosis; the end of a run whose area and volume
-are held; an equilibrium with both held; one under prescribed tension and pressure. Targets: the
+Maps: the end of a run with tension, pressure and osmosis (`run-loaded`), with area and volume held
+(`run-held`), with nodal fields (`run-fields`); an equilibrium with area and volume held (`held`),
+under prescribed tension and pressure (`loaded`), and with area held and osmosis (`osmosis`); a
+point of a branch (`branch`). Targets: the
 order of the remainder |f(p + h) - f(p) - h f'| is 2 ± 0.05, forward and reverse mode agree to
 1e-10, and the derivative of the energy of an equilibrium is what the envelope theorem says, to
 1e-6. A dash stands where the output is linear in the parameter up to rounding. 42 nodes of degree
@@ -24,7 +26,7 @@ from jaxwillmore.verify import (
     sensitivity_rows,
 )
 
-MAPS = ("run-loaded", "run-held", "held", "loaded")
+MAPS = ("run-loaded", "run-held", "run-fields", "held", "loaded", "osmosis", "branch")
 
 
 def study(name: str, level: int):
@@ -32,12 +34,26 @@ def study(name: str, level: int):
     if name.startswith("run"):
         mesh, sphere = rough_sphere(level, 2)
         x = sphere * jnp.array([[1.0, 1.15, 1.35]])
-        return run_sensitivity(mesh, x, 2, held=name == "run-held"), None
+        return run_sensitivity(mesh, x, 2, kind=name.removeprefix("run-")), None
     mesh, x = jw.equilibria.spheroid(0.8, "prolate", level=level)
     shape = jw.equilibria.equilibrium(
         mesh, 3.0 * x, reduced_volume=0.8, bending_modulus=0.7, stability=False
     )
-    return equilibrium_sensitivity(shape, held=name == "held"), shape
+    if name == "branch":
+        along = jw.equilibria.branch(shape, stop=0.76, step0=0.02, stability=False)
+        shape = along.points[len(along.points) // 2]
+    if name == "osmosis":
+        shape = swollen(shape)
+    return equilibrium_sensitivity(shape, held=name != "loaded"), shape
+
+
+def swollen(shape):
+    """The same shape with a free volume, held open by solute inside."""
+    c_out = 5.0
+    n = float(shape.parameters.volume) * (c_out + float(shape.pressure))
+    osmosis = jw.energies.OsmoticPressure(n, c_out, 1.0, 1.0)
+    energy = jw.energies.CanhamHelfrich(0.7) + osmosis
+    return jw.equilibria.equilibrium(shape.mesh, shape.x, energy, stability=False)
 
 
 def envelope(shape, rows) -> dict[str, float]:
@@ -70,7 +86,7 @@ def main() -> None:
             row | {"modes": f"{row['modes']:.1e}", "slope": f"{row['slope']:.3f}"} for row in own
         ]
         print(format_table(shown, list(own[0])).replace("nan", "  -"), flush=True)
-        if name == "held":
+        if name in ("held", "branch"):
             errors = envelope(shape, own)
             print(f"Envelope theorem, relative errors (target 1e-6): {errors}")
         print()

@@ -45,7 +45,12 @@ def table(levels, cases):
             if shape is None:
                 mesh, x = equilibria.spheroid(v, kind, level=level)
                 shape = equilibria.equilibrium(
-                    mesh, x, reduced_volume=v, spontaneous_curvature=H0, throw=False
+                    mesh,
+                    x,
+                    area=4 * np.pi,  # the unit of lengths on all meshes
+                    reduced_volume=v,
+                    spontaneous_curvature=H0,
+                    throw=False,
                 )
             else:
                 shape = equilibria.refined(shape, throw=False)

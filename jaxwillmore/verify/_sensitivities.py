@@ -18,7 +18,7 @@ from .._types import Nodes
 from ..energies import OsmoticPressure, Pressure, SurfaceTension, Willmore
 from ..equilibria import Equilibrium, resolve
 from ..evolve import Stepper, replay
-from ..flows import Loaded, WillmoreFlow
+from ..flows import HelfrichFlow, Loaded, WillmoreFlow
 from ..mesh import SurfaceMesh
 from ..surface import (
     area,
@@ -149,34 +149,55 @@ def _bump(x: Nodes) -> Nodes:
     return jnp.sin(x @ jnp.array([[0.3, 1.1, 0.2], [-0.7, 0.4, 0.9], [0.5, -0.2, 0.8]]) + 0.4)
 
 
+def _waves(x: Nodes) -> Float[Array, "nodes 3"]:
+    """Three patterns on the nodes, of order one."""
+    return jnp.cos(x @ jnp.array([[0.9, -0.4, 0.7], [0.2, 1.2, -0.6], [-0.8, 0.5, 1.0]]) - 0.3)
+
+
 def run_sensitivity(
-    mesh: SurfaceMesh, x: Nodes, n_steps: int = 3, *, held: bool = False
+    mesh: SurfaceMesh, x: Nodes, n_steps: int = 3, *, kind: str = "loaded"
 ) -> Sensitivity:
     r"""The end of a trajectory by everything that enters it.
 
-    Parameters: `b_b`, `H0`, the step `tau`, the amplitude `shape` of a change of the initial
-    nodes; with `held` the `reduced_volume` and the `area` that are held, otherwise the tension
-    `sigma`, the pressure `P`, and the osmotic constants `n`, `c_out` and `T`.
+    Parameters of all kinds: the step `tau` and the amplitude `shape` of a change of the initial
+    nodes.
+
+    - `"loaded"`: `b_b`, `H0`, the tension `sigma`, the pressure `P`, and the osmotic constants
+      `n`, `c_out` and `T`.
+    - `"held"`: `b_b`, `H0`, the `reduced_volume` and the `area` that are held; the multipliers of
+      the last step are outputs.
+    - `"fields"`: $b_b$, $H_0$ and $b_k$ are nodal fields, the parameters amplitudes of patterns in
+      them.
+
+    **Raises:** `ValueError` for another kind.
     """
-    at = {"b_b": 0.6, "H0": 0.4, "tau": 1e-3, "shape": 0.0}
-    steps = {"b_b": 0.04, "H0": 0.1, "tau": 6e-5, "shape": 0.01}
-    if held:
-        at |= {"reduced_volume": float(reduced_volume(mesh, x)), "area": float(area(mesh, x))}
-        steps |= {"reduced_volume": -1e-3, "area": 0.01 * at["area"]}
+    osmotic = {"sigma": 0.8, "P": 1.2, "n": 3.0, "c_out": 0.7, "T": 0.9}
+    v, A = float(reduced_volume(mesh, x)), float(area(mesh, x))
+    numbers, sizes = {"b_b": 0.6, "H0": 0.4}, {"b_b": 0.04, "H0": 0.1}
+    if kind == "loaded":
+        own, largest = numbers | osmotic, sizes | {name: 0.4 * a for name, a in osmotic.items()}
+    elif kind == "held":
+        own = numbers | {"reduced_volume": v, "area": A}
+        largest = sizes | {"reduced_volume": -1e-3, "area": 0.01 * A}
+    elif kind == "fields":
+        own, largest = {"b_b": 0.2, "H0": 0.3, "b_k": 0.2}, {"b_b": 0.06, "H0": 0.1, "b_k": 0.1}
     else:
-        at |= {"sigma": 0.8, "P": 1.2, "n": 3.0, "c_out": 0.7, "T": 0.9}
-        steps |= {name: 0.4 * at[name] for name in ("sigma", "P", "n", "c_out", "T")}
-    points = _points(mesh, x)
+        raise ValueError(f"`kind` must be 'loaded', 'held' or 'fields'; got {kind!r}.")
+    points, waves = _points(mesh, x), _waves(x)
 
     def flow(p):
+        if kind == "fields":
+            b_b = 0.6 * (1 + p["b_b"] * waves[:, 0])
+            return HelfrichFlow(b_b, 0.4 + p["H0"] * waves[:, 1], p["b_k"] * waves[:, 2])
         bending = WillmoreFlow(p["b_b"], p["H0"])
-        if held:
+        if kind == "held":
             ball = p["area"] ** 1.5 / (6 * jnp.sqrt(jnp.pi))
             enclosed = p["reduced_volume"] * ball
             return Loaded(bending, fixed_area=p["area"], fixed_volume=enclosed)
         osmosis = OsmoticPressure(p["n"], p["c_out"], p["T"], 1.0)
         return Loaded(bending, SurfaceTension(p["sigma"]) + Pressure(p["P"]) + osmosis)
 
+    at = own | {"tau": 1e-3, "shape": 0.0}
     start = {name: jnp.asarray(value, float) for name, value in at.items()}
     stepper = Stepper(flow(start), mesh, newton_tolerance=1e-12, max_newton=40)
 
@@ -184,47 +205,65 @@ def run_sensitivity(
         times = p["tau"] * jnp.arange(n_steps + 1.0)
         x0 = x + p["shape"] * _bump(x)
         run = replay(flow(p), mesh, x0, times, stepper=stepper)
-        return shape_outputs(mesh, run.x[-1], points)
+        outputs = shape_outputs(mesh, run.x[-1], points)
+        if kind == "held":
+            outputs |= {name: run.multipliers[name][-1] for name in ("tension", "pressure")}
+        if kind == "fields":
+            outputs["bending energy"] = flow(p).energy(mesh, run.x[-1])
+        return outputs
 
-    return Sensitivity("run, held" if held else "run, loaded", end, start, steps)
+    return Sensitivity(f"run, {kind}", end, start, largest | {"tau": 6e-5, "shape": 0.01})
 
 
 def equilibrium_sensitivity(shape: Equilibrium, *, held: bool = True) -> Sensitivity:
     r"""An equilibrium by everything it depends on; multipliers are outputs.
 
-    Parameters: `b_b`, `H0` and, with `held`, the `area` and the `reduced_volume`; otherwise the
-    tension `sigma` and the pressure `P`, prescribed at the values of the multipliers of `shape`.
+    Parameters: `b_b`, `H0`; with `held` the `area` and the `reduced_volume` as far as the
+    equilibrium holds them; for what it does not, and without `held`, the tension `sigma` and the
+    pressure `P`, the latter prescribed at the values of the multipliers of `shape`; and the
+    constants `n`, `c_out` and `T` of an osmotic pressure, if its energy has one.
     """
-    p = shape.parameters
-    at = {"b_b": p.bending_modulus, "H0": p.spontaneous_curvature}
-    R = float(area_radius(shape.mesh, shape.x))
-    b = float(p.bending_modulus)
+    p, R = shape.parameters, float(area_radius(shape.mesh, shape.x))
+    b, sigma, P = (float(a) for a in (p.bending_modulus, shape.tension, shape.pressure))
     # Without constraints the shape is softer, and smaller steps show the same curvature.
+    at = {"b_b": p.bending_modulus, "H0": p.spontaneous_curvature}
     steps = {"b_b": 0.05 * b, "H0": 0.04 / R} if held else {"b_b": 0.015 * b, "H0": 0.015 / R}
-    if held:
-        at |= {"area": p.area, "reduced_volume": shape.reduced_volume}
-        steps |= {"area": 0.02 * float(p.area), "reduced_volume": 2e-3}
-    else:
-        at |= {"sigma": p.tension, "P": p.pressure}
-        steps |= {"sigma": 0.002 * float(p.tension), "P": 0.006 * float(p.pressure)}
+    if not held:
         flags = lambda s: (s.fixed_area, s.fixed_volume)
         shape = eqx.tree_at(flags, shape, (False, False))
+    if shape.fixed_area:
+        at, steps = at | {"area": p.area}, steps | {"area": 0.02 * float(p.area)}
+    else:
+        at, steps = at | {"sigma": p.tension}, steps | {"sigma": 0.002 * sigma}
+    if shape.fixed_volume:
+        at, steps = at | {"reduced_volume": shape.reduced_volume}, steps | {"reduced_volume": 2e-3}
+    else:
+        at, steps = at | {"P": p.pressure}, steps | {"P": 0.006 * P}
+    constants = dict(zip(("n", "c_out", "T"), _osmotic(p), strict=False))
+    at |= constants
+    steps |= {name: 0.01 * float(value) for name, value in constants.items()}
     points = _points(shape.mesh, shape.x)
 
     def found(q: Mapping[str, Array]):
         p = shape.parameters
-        changed = [q["b_b"], q["H0"]]
-        if held:
-            ball = q["area"] ** 1.5 / (6 * jnp.sqrt(jnp.pi))
-            changed += [q["area"], q["reduced_volume"] * ball, p.tension, p.pressure]
-        else:
-            changed += [p.area, p.volume, q["sigma"], q["P"]]
-        again = resolve(shape, eqx.tree_at(_numbers, p, tuple(changed)), tolerance=1e-12)
+        A = q["area"] if shape.fixed_area else p.area
+        ball = A**1.5 / (6 * jnp.sqrt(jnp.pi))
+        V = q["reduced_volume"] * ball if shape.fixed_volume else p.volume
+        applied = q.get("sigma", p.tension), q.get("P", p.pressure)
+        p = eqx.tree_at(_numbers, p, (q["b_b"], q["H0"], A, V, *applied))
+        if constants:
+            p = eqx.tree_at(_osmotic, p, [q[name] for name in constants])
+        again = resolve(shape, p, tolerance=1e-12)
         outputs = shape_outputs(shape.mesh, again.x, points)
-        multipliers = {"tension": again.tension, "pressure": again.pressure}
-        return outputs | {"bending energy": again.energy} | (multipliers if held else {})
+        outputs["bending energy"] = again.energy
+        if shape.fixed_area:
+            outputs["tension"] = again.tension
+        if shape.fixed_volume or constants:
+            outputs["pressure"] = again.pressure
+        return outputs
 
-    return Sensitivity("equilibrium, held" if held else "equilibrium, loaded", found, at, steps)
+    kind = "held" if shape.fixed_volume else "osmosis" if constants else "loaded"
+    return Sensitivity(f"equilibrium, {kind}", found, at, steps)
 
 
 def _numbers(p):
@@ -237,3 +276,17 @@ def _numbers(p):
         p.tension,
         p.pressure,
     )
+
+
+def _osmotic(p):
+    """Solute, concentration outside and temperature, if there is an osmotic pressure."""
+
+    def plain(energy):
+        # Not `terms_of`: that multiplies factors, and here leaves are only pointed at.
+        parts = getattr(energy, "terms", None)
+        return [energy] if parts is None else [term for part in parts for term in plain(part)]
+
+    for term in plain(p.global_energy):
+        if isinstance(term, OsmoticPressure):
+            return [term.solute_amount, term.ambient_concentration, term.temperature]
+    return []

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 from jaxwillmore import equilibria, verify
+from jaxwillmore.energies import CanhamHelfrich, OsmoticPressure
 from jaxwillmore.fem import integrate
 
 # 1. The test itself, on a map whose derivatives are known.
@@ -59,13 +60,20 @@ def assert_derivatives(rows, count, outputs):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("held", [False, True], ids=["loaded", "held"])
-def test_sensitivities_of_a_run(held):
+@pytest.mark.parametrize("kind", ["loaded", "held", "fields"])
+def test_sensitivities_of_a_run(kind):
     mesh, n = verify.rough_sphere(0, 2)
     x = n * jnp.array([[1.0, 1.15, 1.35]])
-    study = verify.run_sensitivity(mesh, x, 2, held=held)
+    study = verify.run_sensitivity(mesh, x, 2, kind=kind)
     outputs = {"Willmore energy", "int H^3", "inertia", "harmonics", "distances"}
-    assert_derivatives(verify.sensitivity_rows(study), 9 * len(study.at), outputs)
+    outputs |= {"held": {"tension", "pressure"}, "fields": {"bending energy"}}.get(kind, set())
+    rows = verify.sensitivity_rows(study)
+    assert_derivatives(rows, {"loaded": 9, "held": 11, "fields": 10}[kind] * len(study.at), outputs)
+
+
+def test_an_unknown_kind_of_run_is_refused():
+    with pytest.raises(ValueError, match="'fields'"):
+        verify.run_sensitivity(*verify.rough_sphere(0, 2), kind="free")
 
 
 @pytest.fixture(scope="module")
@@ -78,13 +86,24 @@ def small():
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("held", [True, False], ids=["held", "loaded"])
-def test_sensitivities_of_an_equilibrium(small, held):
-    study = verify.equilibrium_sensitivity(small, held=held)
+@pytest.mark.parametrize("kind", ["held", "loaded", "osmosis", "branch"])
+def test_sensitivities_of_an_equilibrium(small, kind):
+    shape = small
+    if kind == "osmosis":
+        n = float(small.parameters.volume) * (5.0 + float(small.pressure))
+        energy = CanhamHelfrich(0.7) + OsmoticPressure(n, 5.0, 1.0, 1.0)
+        shape = equilibria.equilibrium(small.mesh, small.x, energy, stability=False)
+    if kind == "branch":
+        along = equilibria.branch(small, stop=0.78, step0=0.01, stability=False)
+        shape = along.points[1]
+    study = verify.equilibrium_sensitivity(shape, held=kind != "loaded")
     rows = verify.sensitivity_rows(study)
-    assert_derivatives(rows, 4 * (12 if held else 10), {"int H^3", "harmonics", "distances"})
-    if held:
-        assert_envelope(small, rows)
+    parameters, outputs = {"held": (4, 12), "branch": (4, 12), "osmosis": (7, 12)}.get(
+        kind, (4, 10)
+    )
+    assert_derivatives(rows, parameters * outputs, {"int H^3", "harmonics", "distances"})
+    if kind in ("held", "branch"):
+        assert_envelope(shape, rows)
 
 
 def assert_envelope(shape, rows):
