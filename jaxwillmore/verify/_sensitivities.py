@@ -225,9 +225,10 @@ def equilibrium_sensitivity(shape: Equilibrium, *, held: bool = True) -> Sensiti
     """
     p, R = shape.parameters, float(area_radius(shape.mesh, shape.x))
     b, sigma, P = (float(a) for a in (p.bending_modulus, shape.tension, shape.pressure))
-    # Without constraints the shape is softer, and smaller steps show the same curvature.
     at = {"b_b": p.bending_modulus, "H0": p.spontaneous_curvature}
-    steps = {"b_b": 0.05 * b, "H0": 0.04 / R} if held else {"b_b": 0.015 * b, "H0": 0.015 / R}
+    # A shape of free volume is softer: smaller steps show the same curvature.
+    soft = 1.0 if held and shape.fixed_volume else 0.3
+    steps = {"b_b": 0.05 * soft * b, "H0": 0.025 * soft / R}
     if not held:
         flags = lambda s: (s.fixed_area, s.fixed_volume)
         shape = eqx.tree_at(flags, shape, (False, False))
@@ -241,7 +242,7 @@ def equilibrium_sensitivity(shape: Equilibrium, *, held: bool = True) -> Sensiti
         at, steps = at | {"P": p.pressure}, steps | {"P": 0.006 * P}
     constants = dict(zip(("n", "c_out", "T"), _osmotic(p), strict=False))
     at |= constants
-    steps |= {name: 0.01 * float(value) for name, value in constants.items()}
+    steps |= {name: 0.005 * float(value) for name, value in constants.items()}
     points = _points(shape.mesh, shape.x)
 
     def found(q: Mapping[str, Array]):
