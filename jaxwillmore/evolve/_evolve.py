@@ -6,6 +6,7 @@ from collections.abc import Callable, Sequence
 
 from jaxtyping import Array, Float
 
+from .._interrupts import catch_interrupts
 from ..flows import AbstractFlow
 from ..mesh import SurfaceMesh
 from ..surface import area_radius
@@ -18,7 +19,6 @@ from ._checks import (
     checked_order,
     checked_tolerances,
 )
-from ._interrupt import catch_interrupts
 from ._loop import Loop
 from ._progress import TextProgressMeter, progress_text
 from ._save import Saver, save_times
