@@ -15,8 +15,8 @@ OK, FAILED, BAD_INPUT, INTERRUPTED = 0, 1, 2, 130
 
 _EPILOG = (
     "Exit status: 0 success; 1 the run failed, or the mesh is not sound; 2 the case, a file name "
-    "or the command line is wrong; 130 interrupted by Ctrl-C or SIGTERM: what was computed until "
-    "then is written, and a second signal ends at once."
+    "or the command line is wrong; 130 interrupted. On Ctrl-C or SIGTERM, run, equilibrium, branch "
+    "and fit stop after the step in progress and keep what they have; a second one ends at once."
 )
 
 
