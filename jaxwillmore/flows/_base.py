@@ -100,6 +100,14 @@ class AbstractFlow(eqx.Module):
         """The energy that the law lowers, from the nodes alone."""
 
     @abc.abstractmethod
+    def energy_scale(self, mesh: SurfaceMesh, x: Float[Array, "nodes 3"]) -> Float[Array, ""]:
+        r"""The sizes of the terms of the energy, added: $\sum_i |E_i|$ for $E = \sum_i E_i$.
+
+        What a change of the energy is small against. The energy itself passes through zero where
+        its terms cancel, and their discretisation errors do not.
+        """
+
+    @abc.abstractmethod
     def scales(self, length: Float[Array, ""]) -> Float[Array, " fields"]:
         """Typical size of every column of the unknowns on a surface of size `length`."""
 

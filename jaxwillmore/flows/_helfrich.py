@@ -239,9 +239,15 @@ class HelfrichFlow(AbstractFlow):
         return {"H": H, "nu": nu}
 
     def energy(self, mesh, x):
+        return self._bending_energy()(mesh, x)
+
+    def energy_scale(self, mesh, x):
+        return self._bending_energy().scale(mesh, x)
+
+    def _bending_energy(self):
         return CanhamHelfrich(
             self.bending_modulus, self.gaussian_modulus, self.spontaneous_curvature
-        )(mesh, x)
+        )
 
     def scales(self, length):
         b = 2 * jnp.mean(self.bending_modulus)

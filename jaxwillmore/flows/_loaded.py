@@ -153,6 +153,12 @@ class Loaded(AbstractFlow):
         total = self.flow.energy(mesh, x)
         return total if self.load_energy is None else total + self.load_energy(mesh, x)
 
+    def energy_scale(self, mesh, x):
+        total = self.flow.energy_scale(mesh, x)
+        for factor, term in self._terms():
+            total += jnp.abs(factor * term(mesh, x))
+        return total
+
     def scales(self, length):
         return self.flow.scales(length)
 

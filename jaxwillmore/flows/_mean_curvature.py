@@ -120,6 +120,9 @@ class MeanCurvatureFlow(AbstractFlow):
     def energy(self, mesh, x):
         return area(mesh, x)
 
+    def energy_scale(self, mesh, x):
+        return area(mesh, x)
+
     def scales(self, length):
         one = jnp.ones(())
         V = length / self.time_scale(length)

@@ -86,6 +86,9 @@ class SurfaceDiffusion(AbstractFlow):
     def energy(self, mesh, x):
         return area(mesh, x)
 
+    def energy_scale(self, mesh, x):
+        return area(mesh, x)
+
     def scales(self, length):
         one = jnp.ones(())
         H, V, nu, z = 1 / length, self.mobility / length**3, one, 1 / length**2

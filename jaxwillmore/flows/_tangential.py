@@ -116,6 +116,9 @@ class MinimalDeformation(AbstractFlow):
     def energy(self, mesh, x):
         return self.flow.energy(mesh, x)
 
+    def energy_scale(self, mesh, x):
+        return self.flow.energy_scale(mesh, x)
+
     def scales(self, length):
         velocity = length / self.flow.time_scale(length)
         ones = jnp.ones(3)

@@ -190,7 +190,13 @@ class WillmoreFlow(AbstractFlow):
         return {"H": H, "nu": nu}
 
     def energy(self, mesh, x):
-        return CanhamHelfrich(self.bending_modulus, 0.0, self.spontaneous_curvature)(mesh, x)
+        return self._bending_energy()(mesh, x)
+
+    def energy_scale(self, mesh, x):
+        return self._bending_energy().scale(mesh, x)
+
+    def _bending_energy(self):
+        return CanhamHelfrich(self.bending_modulus, 0.0, self.spontaneous_curvature)
 
     def scales(self, length):
         b = 2 * self.bending_modulus
