@@ -74,8 +74,9 @@ class Loop:
         history = self.stepper.start(jnp.asarray(t0), x0, fields, depth)
         state = State(t0, x0, self._initial_fields(history))
         self.times.append(t0)
-        energy = float(flow.energy(mesh, x0))
-        self._size = float(flow.energy_scale(mesh, x0))
+        moment = flow.with_carried(fields)
+        energy = float(moment.energy(mesh, x0))
+        self._size = float(moment.energy_scale(mesh, x0))
         self._floor, self._least = 0.1 * self._size, energy
         t, rejections, result = t0, 0, None
         self._save([state])

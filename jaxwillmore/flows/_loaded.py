@@ -149,6 +149,9 @@ class Loaded(AbstractFlow):
     def initial_fields(self, mesh, x, given):
         return self.flow.initial_fields(mesh, x, given)
 
+    def with_carried(self, fields):
+        return eqx.tree_at(lambda f: f.flow, self, self.flow.with_carried(fields))
+
     def energy(self, mesh, x):
         total = self.flow.energy(mesh, x)
         return total if self.load_energy is None else total + self.load_energy(mesh, x)

@@ -189,6 +189,9 @@ class WillmoreFlow(AbstractFlow):
         H = given["H"] if "H" in given else recover_mean_curvature(mesh, x)
         return {"H": H, "nu": nu}
 
+    def with_carried(self, fields):
+        return self
+
     def energy(self, mesh, x):
         return self._bending_energy()(mesh, x)
 
