@@ -8,13 +8,15 @@ import warnings
 from collections.abc import Callable, Sequence
 from typing import Any
 
+from ._interrupts import catch_interrupts
 from ._version import __version__
 
 OK, FAILED, BAD_INPUT, INTERRUPTED = 0, 1, 2, 130
 
 _EPILOG = (
     "Exit status: 0 success; 1 the run failed, or the mesh is not sound; 2 the case, a file name "
-    "or the command line is wrong; 130 interrupted."
+    "or the command line is wrong; 130 interrupted. On Ctrl-C or SIGTERM, run, equilibrium, branch "
+    "and fit stop after the step in progress and keep what they have; a second one ends at once."
 )
 
 
@@ -138,6 +140,7 @@ def _branch(args: argparse.Namespace) -> int:
     return _computed(args, "branch", run_branch, _branch_closing)
 
 
+@catch_interrupts()
 def _computed(args: argparse.Namespace, command: Any, compute: Any, closing: Any) -> int:
     """Load a case, compute, say how it ended; the exit status."""
     from .cases import CaseError, load_case
@@ -155,8 +158,7 @@ def _computed(args: argparse.Namespace, command: Any, compute: Any, closing: Any
         existing = "replace" if args.replace else "refuse"
         run = compute(case, args.out, existing=existing, progress=progress)
     except RunFolderError as error:
-        hint = " On the command line: --replace." if "earlier run" in str(error) else ""
-        return _complain(f"{error}{hint}", BAD_INPUT)
+        return _refused(error, "--replace")
     except (CaseError, FileNotFoundError, IsADirectoryError) as error:
         return _complain(error, BAD_INPUT)
     except (SurfaceError, OSError) as error:
@@ -173,6 +175,7 @@ def _computed(args: argparse.Namespace, command: Any, compute: Any, closing: Any
     return OK if run.succeeded else _complain(run.summary["message"], FAILED)
 
 
+@catch_interrupts()
 def _fit(args: argparse.Namespace) -> int:
     from .cases import CaseError, load_fit, run_fit
     from .io import RunFolderError
@@ -187,7 +190,9 @@ def _fit(args: argparse.Namespace) -> int:
         run = run_fit(
             task, args.out, existing=args.existing, progress=None if args.quiet else progress
         )
-    except (CaseError, RunFolderError, FileNotFoundError, IsADirectoryError) as error:
+    except RunFolderError as error:
+        return _refused(error, "--replace, or --resume to go on from its last iterate")
+    except (CaseError, FileNotFoundError, IsADirectoryError) as error:
         return _complain(error, BAD_INPUT)
     except (SurfaceError, OSError) as error:
         return _complain(error, FAILED)
@@ -338,6 +343,12 @@ def _shape_words(summary: dict[str, Any]) -> str:
         f"{summary['reduced_volume']:.6f}, {stable}, tension {of['tension']:.6g}, "
         f"pressure {of['pressure']:.6g}"
     )
+
+
+def _refused(error: object, ways: str) -> int:
+    """Say why a folder cannot be used, and `ways` to use it all the same."""
+    hint = f" On the command line: {ways}." if "earlier run" in str(error) else ""
+    return _complain(f"{error}{hint}", BAD_INPUT)
 
 
 def _complain(problem: object, status: int) -> int:

@@ -250,13 +250,10 @@ def test_warnings_are_plain_lines(tmp_path, capsys):
     assert warning.startswith("jaxwillmore: warning: BDF5")
 
 
-def test_an_interrupted_run_ends_with_130_and_is_complete(tmp_path):
-    text = CASE.replace("t1 = 0.01", "t1 = 1e4\nstop_when_stationary = 0.0\nrtol = 1e-7")
-    (tmp_path / "long.toml").write_text(text.replace("0.01", "1e3"), encoding="utf-8")
-    out = tmp_path / "out"
-    command = ["run", str(tmp_path / "long.toml"), "--out", str(out)]
+def interrupted_summary(command, out, number, word):
+    """Send a signal at the first line that starts with `word`; check the end; the summary."""
     with subprocess.Popen(
-        [sys.executable, "-u", "-m", "jaxwillmore", *command],
+        [sys.executable, "-u", "-m", "jaxwillmore", *command, "--out", str(out)],
         cwd=ROOT,
         stdout=subprocess.PIPE,
         stderr=subprocess.PIPE,
@@ -264,16 +261,25 @@ def test_an_interrupted_run_ends_with_130_and_is_complete(tmp_path):
     ) as process:
         assert process.stdout is not None and process.stderr is not None
         for line in process.stdout:
-            if line.startswith("step"):
-                process.send_signal(signal.SIGTERM)
+            if line.startswith(word):
+                process.send_signal(number)
                 break
         process.stdout.read()
         error = process.stderr.read()
     assert process.returncode == 130
     assert_one_clear_line(error, "interrupted")
-    summary = json.loads((out / "summary.json").read_text(encoding="utf-8"))
-    assert summary["status"] == "interrupted" and summary["steps"] >= 1
     assert not (out / ".lock").exists()
+    summary = json.loads((out / "summary.json").read_text(encoding="utf-8"))
+    assert summary["status"] == "interrupted"
+    return summary
+
+
+def test_an_interrupted_run_ends_with_130_and_is_complete(tmp_path):
+    text = CASE.replace("t1 = 0.01", "t1 = 1e4\nstop_when_stationary = 0.0\nrtol = 1e-7")
+    (tmp_path / "long.toml").write_text(text.replace("0.01", "1e3"), encoding="utf-8")
+    command = ["run", str(tmp_path / "long.toml")]
+    summary = interrupted_summary(command, tmp_path / "out", signal.SIGTERM, "step")
+    assert summary["steps"] >= 1
 
 
 # 4. Verification.
@@ -349,6 +355,19 @@ def test_an_equilibrium_and_its_branch_print_their_progress_and_their_end(tmp_pa
     assert any("0 negative directions" in line for line in lines["equilibrium"])
     end = next(line for line in lines["branch"] if line.startswith("end_reached"))
     assert "reduced_volume = 0.79 after 2 points" in end
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    "command, number", [("equilibrium", signal.SIGINT), ("branch", signal.SIGTERM)]
+)
+def test_a_search_interrupted_at_once_ends_with_130_and_keeps_its_start(tmp_path, command, number):
+    """The signal comes before the first step, which takes a while to compile."""
+    (tmp_path / "case.toml").write_text(VESICLE, encoding="utf-8")
+    arguments = [command, str(tmp_path / "case.toml")]
+    summary = interrupted_summary(arguments, tmp_path / "out", number, "preparing")
+    assert summary["willmore"] == pytest.approx(summary["start"]["willmore"], rel=1e-6)
+    assert (tmp_path / "out" / "final.npz").is_file()
 
 
 def test_a_case_without_its_section_ends_with_2(case, tmp_path, capsys):

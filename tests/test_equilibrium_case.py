@@ -1,6 +1,8 @@
 """Equilibria and branches from case files: complete folders, true numbers, named endings."""
 
 import json
+import os
+import signal
 from typing import Any
 
 import numpy as np
@@ -8,8 +10,9 @@ import pytest
 
 from jaxwillmore import equilibria
 from jaxwillmore.cases import CaseError, load_case, run_branch, run_equilibrium
+from jaxwillmore.equilibria import _branch
 from jaxwillmore.health import _warnings
-from jaxwillmore.io import read_history, read_surface
+from jaxwillmore.io import RunFolderError, read_history, read_surface
 
 BASE = {
     "surface": {"shape": "ellipsoid", "semi_axes": [1.0, 1.0, 2.0], "level": 1},
@@ -99,6 +102,41 @@ def test_a_warning_is_fatal_where_the_case_says_so(tmp_path, monkeypatch):
         assert run.succeeded != fatal
 
 
+def interrupt_at(name, value, number=signal.SIGTERM):
+    """A progress function that sends a signal where the record says so."""
+    return lambda row: os.kill(os.getpid(), number) if row.get(name) == value else None
+
+
+def test_an_interrupted_search_keeps_its_last_accepted_shape(vesicle, tmp_path):
+    _, _, rows = vesicle
+    case = case_of()
+    run = run_equilibrium(case, tmp_path / "out", progress=interrupt_at("step", 2))
+    assert run.summary["status"] == "interrupted" and not run.succeeded
+    assert rows[1]["accepted"] and run.summary["steps"] == 2
+    assert json.loads((run.folder / "summary.json").read_text())["status"] == "interrupted"
+    _, x = read_surface(run.folder / "final.npz")
+    np.testing.assert_array_equal(x, run.shape.x)
+    # The same search went on from there: its second step is what was kept.
+    second = rows[1]["energy_over_8pi_kappa"]
+    assert run.summary["bending_over_8pi_kappa"] == pytest.approx(second, rel=1e-9)
+    with pytest.raises(RunFolderError, match="earlier run"):
+        run_equilibrium(case, tmp_path / "out")
+    assert run_equilibrium(case, tmp_path / "out", existing="replace").succeeded
+
+
+def test_an_interrupt_is_why_it_ended_whatever_the_warnings_say(tmp_path, monkeypatch):
+    monkeypatch.setattr(_warnings, "UNRESOLVED", 1e-9)
+    fatal = {"fatal_warnings": True}
+    search = run_equilibrium(
+        case_of(output=fatal), tmp_path / "search", progress=interrupt_at("step", 1)
+    )
+    assert search.summary["status"] == "interrupted" and search.summary["health"]
+    case = case_of("branch", branch={**BRANCH, "stop": 0.7}, output=fatal)
+    branch = run_branch(case, tmp_path / "branch", progress=interrupt_at("point", 0))
+    assert branch.summary["status"] == "interrupted" and branch.summary["health"]
+    assert branch.summary["points"] == 1
+
+
 # 2. Branches.
 
 
@@ -143,15 +181,37 @@ def test_a_branch_that_ends_early_says_where_and_keeps_its_shapes(tmp_path):
     assert len(list((run.folder / "shapes").iterdir())) == run.summary["points"] == 2
 
 
-def test_an_interrupted_branch_keeps_its_points(tmp_path):
-    def interrupt(row):
-        if row.get("point") == 1:
-            raise KeyboardInterrupt
+def test_an_interrupted_branch_keeps_its_points_and_events(tmp_path, monkeypatch):
+    counts = iter(range(9))
+    row_of = _branch._row
+    counted = lambda *a: row_of(*a) | {"negative_directions": float(next(counts))}
+    monkeypatch.setattr(_branch, "_row", counted)
+    case = case_of("branch", branch={**BRANCH, "stop": 0.7}, output={"picture": True})
+    run = run_branch(case, tmp_path / "out", progress=interrupt_at("point", 1, signal.SIGINT))
+    assert run.summary["status"] == "interrupted" and not run.succeeded
+    assert run.summary["points"] == 2 and "All its points are kept" in run.summary["message"]
+    assert run.summary["events"] == [{"point": 1, "event": "negative directions 0 -> 1"}]
+    assert json.loads((run.folder / "summary.json").read_text()) == run.summary
+    table = read_history(run.folder / "branch.csv")
+    assert len(table) == len(list((run.folder / "shapes").iterdir())) == 2
+    assert run.summary["ended_at"] == table[-1]
+    _, x = read_surface(run.folder / "final.npz")
+    np.testing.assert_array_equal(x, run.points[-1].x)
+    assert (run.folder / "branch.png").is_file() and (run.folder / "final.png").is_file()
 
-    case = case_of("branch", branch={**BRANCH, "stop": 0.7})
-    run = run_branch(case, tmp_path / "out", progress=interrupt)
-    assert run.summary["status"] == "interrupted" and run.summary["points"] == 2
-    assert len(read_history(run.folder / "branch.csv")) == 2
+
+def test_a_branch_interrupted_before_its_first_point_has_none(tmp_path):
+    case = case_of("branch", branch=BRANCH, output={"picture": True})
+    run = run_branch(case, tmp_path / "out", progress=interrupt_at("step", 1))
+    assert run.summary["status"] == "interrupted" and run.summary["points"] == 0
+    assert "no equilibrium to start from" in run.summary["message"]
+    assert (run.folder / "final.npz").is_file() and not (run.folder / "branch.csv").exists()
+
+
+def test_a_branch_ends_where_it_needs_less_than_its_smallest_step(tmp_path):
+    branch = {"stop": 0.3, "step0": 0.49, "max_step": 0.49, "min_step": 0.4}
+    run = run_branch(case_of("branch", branch=branch), tmp_path / "out")
+    assert run.summary["status"] == "step_too_small" and run.summary["points"] == 1
 
 
 def test_a_fatal_warning_ends_a_branch_at_its_point(tmp_path, monkeypatch):
@@ -208,6 +268,7 @@ def test_what_has_no_equilibrium_is_refused(tmp_path, sections, words):
         ),
         ({"branch": {"stop": 1.2}}, ["[branch] stop", "<= 1"]),
         ({"branch": {}}, ["[branch] stop", "missing"]),
+        ({"branch": {**BRANCH, "min_step": 0.02}}, ["[branch] min_step", "<= step0 = 0.01"]),
         ({}, ["[branch] is missing"]),
     ],
 )

@@ -7,7 +7,7 @@ import pytest
 
 ROOT = pathlib.Path(__file__).parents[1] / "jaxwillmore"
 LAYERS = [
-    {"_types", "_version"},
+    {"_types", "_version", "_interrupts"},
     {"reference"},
     {"mesh", "linalg"},
     {"fem"},

@@ -12,6 +12,7 @@ import pytest
 
 from jaxwillmore.cases import CaseError, example_path, load_case, run_case
 from jaxwillmore.cases._start import starting_surface
+from jaxwillmore.health import _warnings
 from jaxwillmore.io import PvdSeries, RunFolderError, read_history, read_surface, write_ply
 from jaxwillmore.mesh import SurfaceError, icosphere, quality
 from jaxwillmore.surface import area, centroid, volume
@@ -157,6 +158,18 @@ def test_an_interrupted_run_is_complete_up_to_its_last_step(tmp_path, number):
     assert run.summary["steps"] == 2
     assert json.loads((run.folder / "summary.json").read_text())["status"] == "interrupted"
     assert PvdSeries(run.folder / "run.pvd").entries()[-1][0] == run.summary["t"]
+
+
+def test_an_interrupt_is_why_a_run_ended_whatever_the_warnings_say(tmp_path, monkeypatch):
+    monkeypatch.setattr(_warnings, "UNRESOLVED", 1e-9)
+
+    def interrupt(row):
+        os.kill(os.getpid(), signal.SIGTERM)
+
+    case = case_of(output={"fatal_warnings": True})
+    run = run_case(case, tmp_path / "out", progress=interrupt)
+    assert run.summary["status"] == "interrupted" and run.summary["health"]
+    assert run.summary["steps"] == 1
 
 
 def test_an_exception_leaves_the_steps_before_it(tmp_path):

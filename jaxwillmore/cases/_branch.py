@@ -7,6 +7,7 @@ import time
 from collections.abc import Callable, Iterable
 from typing import Any
 
+from .._interrupts import catch_interrupts, interrupted
 from ..equilibria import Equilibrium, branch, message, name_of
 from ..health import HealthWarning, health_warnings
 from ..io import RunFolder
@@ -21,7 +22,7 @@ from ._equilibrium import (
     write_shape,
 )
 from ._error import CaseError
-from ._output import UNHEALTHY, Existing, fields_of, open_folder, pictures
+from ._output import Existing, ending, fields_of, open_folder, pictures
 from ._start import starting_surface
 from ._summary import end_of_equilibrium, health_of, provenance, warnings_of
 
@@ -42,6 +43,7 @@ class CaseBranch:
         return self.summary["status"] == _DONE
 
 
+@catch_interrupts()
 def run_branch(
     case: Case,
     out: str | os.PathLike[str],
@@ -52,7 +54,8 @@ def run_branch(
     """Follow the branch of a case and leave its table, its shapes and its picture in a folder.
 
     Every converged shape is in the folder as soon as it exists, and stays there however the branch
-    ends. `summary["status"]`, `["message"]` and `["ended_at"]` say why and where it did.
+    ends. `summary["status"]`, `["message"]` and `["ended_at"]` say why and where it did. Ctrl-C or
+    SIGTERM end it before its next step, a second signal at once.
 
     **Arguments:** as in `run_equilibrium`; `progress` is called with dictionaries of pseudo-time
     steps, then with the row of `branch.csv` for every point.
@@ -78,8 +81,8 @@ def run_branch(
         last = recorder.points[-1] if recorder.points else first
         fields = write_shape(folder, last)
         recorder.note(warnings_of(case, last.mesh, last.x, fields["H"]))
-        if recorder.health and case.output.fatal_warnings:
-            status, words = UNHEALTHY, next(iter(recorder.health.values()))[1].message
+        found = [warning for _, warning in recorder.health.values()]
+        status, words = ending(status, words, found, case.output.fatal_warnings)
         summary = {
             "status": status,
             "message": words,
@@ -122,7 +125,8 @@ class _Recorder:
         self.note(health_warnings(shape.mesh, shape.x, fields["H"]))
         if self._progress is not None:
             self._progress(self.rows[-1])
-        return bool(self.health) and self._case.output.fatal_warnings
+        # An interrupt ends the branch anyway, and is then why it ended.
+        return bool(self.health) and self._case.output.fatal_warnings and not interrupted()
 
     def note(self, found: Iterable[HealthWarning]) -> None:
         """Remember warnings of the last point, each kind where it first appeared."""
@@ -143,14 +147,13 @@ def _followed(case: Case, first: Equilibrium, recorder: _Recorder):
             stop=case.branch.stop,
             step0=case.branch.step0,
             max_step=case.branch.max_step,
+            min_step=case.branch.min_step,
             max_points=case.branch.max_points,
             self_contact=case.branch.self_contact,
             observer=recorder.point,
         )
     except ValueError as error:
         raise CaseError(str(error), section="branch") from error
-    except KeyboardInterrupt:
-        return "interrupted", "The branch was interrupted. All its points are kept.", ()
     return name_of(found.result), message(found.result), found.events
 
 

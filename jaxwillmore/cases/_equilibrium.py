@@ -7,6 +7,7 @@ import time
 from collections.abc import Callable
 from typing import Any
 
+from .._interrupts import catch_interrupts
 from ..equilibria import Equilibrium, equilibrium, message, name_of, targets
 from ..io import RunFolder, write_vtu
 from ..plot import surface_picture
@@ -14,7 +15,7 @@ from ..surface import recover_mean_curvature
 from ._case import Case
 from ._energies import bending_energy, global_energy
 from ._error import CaseError
-from ._output import UNHEALTHY, Existing, fields_of, open_folder, pictures
+from ._output import UNHEALTHY, Existing, ending, fields_of, open_folder, pictures
 from ._start import Start, starting_surface
 from ._summary import (
     end_of_equilibrium,
@@ -39,6 +40,7 @@ class CaseEquilibrium:
         return self.shape.succeeded and self.summary["status"] != UNHEALTHY
 
 
+@catch_interrupts()
 def run_equilibrium(
     case: Case,
     out: str | os.PathLike[str],
@@ -48,8 +50,9 @@ def run_equilibrium(
 ) -> CaseEquilibrium:
     """Find the equilibrium of a case and leave case, shape, summary and picture in a folder.
 
-    `[flow]`, `[time]` and `[branch]` play no part. A search that fails leaves its last shape;
-    `summary["status"]` and `summary["message"]` say why.
+    `[flow]`, `[time]` and `[branch]` play no part. A search that fails, or is interrupted
+    by Ctrl-C or SIGTERM, leaves its last accepted shape; `summary["status"]` and
+    `summary["message"]` say why. A second signal ends it at once.
 
     **Arguments:**
 
@@ -74,8 +77,7 @@ def run_equilibrium(
         fields = write_shape(folder, shape)
         found = warnings_of(case, shape.mesh, shape.x, fields["H"])
         status, words = name_of(shape.result), message(shape.result)
-        if found and case.output.fatal_warnings:
-            status, words = UNHEALTHY, found[0].message
+        status, words = ending(status, words, found, case.output.fatal_warnings)
         summary = {
             "status": status,
             "message": words,

@@ -12,6 +12,7 @@ from typing import Any, Literal
 import numpy as np
 
 from .. import fit as fits
+from .._interrupts import catch_interrupts, interrupted
 from ..equilibria import smoothed
 from ..io import RunFolder, atomic_write, read_surface, write_npz
 from ..mesh import raise_degree
@@ -38,6 +39,7 @@ class FitRun:
         return self.summary["status"] == "converged"
 
 
+@catch_interrupts()
 def run_fit(
     task: FitTask,
     out: str | os.PathLike[str],
@@ -48,6 +50,7 @@ def run_fit(
     """Fit, and leave case, history, iterate, surfaces, summary and pictures in a folder.
 
     `iterate.json` is written after every step. With `existing="resume"` a fit goes on from it.
+    Ctrl-C or SIGTERM end the fit after the step in progress, a second signal at once.
 
     **Raises:** `CaseError` for a case that makes no sense; `RunFolderError` for a folder that
     cannot be used; what `jaxwillmore.io.read_surface` raises for a mesh file.
@@ -197,6 +200,8 @@ def _profiles(found: fits.ShapeFit):
     profiles, best = {}, {}
     layout, told = found.residuals.unknowns, found.identification.identifiable
     for k, label in enumerate(layout.labels):
+        if interrupted():  # a profile is as much work as several fits
+            return {}, {}
         error = found.robust.standard_errors[label]
         if not told[label] or not error > 0:
             continue

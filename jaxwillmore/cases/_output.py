@@ -4,19 +4,21 @@ import contextlib
 import os
 import pathlib
 import warnings
+from collections.abc import Iterable
 from typing import Literal
 
 import equinox as eqx
 from jaxtyping import Array, Float
 
 from ..equilibria import Equilibrium
+from ..health import HealthWarning
 from ..io import RunFolder, RunFolderError
 from ..mesh import SurfaceMesh
 from ..plot import PlotError
 from ..surface import nodal_weingarten_squared, recover_normal
 
 Existing = Literal["refuse", "replace"]
-UNHEALTHY = "unhealthy"
+UNHEALTHY, INTERRUPTED = "unhealthy", "interrupted"
 
 
 def open_folder(out: str | os.PathLike[str], existing: Existing) -> RunFolder:
@@ -27,6 +29,18 @@ def open_folder(out: str | os.PathLike[str], existing: Existing) -> RunFolder:
     except OSError as error:
         raise RunFolderError(f"cannot make the folder `{parent}`: {error.strerror}.") from error
     return RunFolder(out, existing)
+
+
+def ending(status: str, words: str, found: Iterable[HealthWarning], fatal: bool) -> tuple[str, str]:
+    """Status and message of a command: `unhealthy` at the first warning where these are fatal.
+
+    A computation that was interrupted stays `interrupted`: it was asked to stop, and its last
+    surface is no result that a warning could speak against.
+    """
+    first = next(iter(found), None)
+    if first is None or not fatal or status == INTERRUPTED:
+        return status, words
+    return UNHEALTHY, first.message
 
 
 @eqx.filter_jit

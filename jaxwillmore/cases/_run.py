@@ -9,6 +9,7 @@ from typing import Any
 
 from jaxtyping import Array
 
+from .._interrupts import catch_interrupts, interrupted
 from ..evolve import RESULTS, Solution, State, evolve, message, name_of
 from ..health import HealthWarning, health_warnings
 from ..io import RunFolder, read_history
@@ -17,7 +18,7 @@ from ..plot import history_picture, surface_picture
 from ._case import Case
 from ._error import CaseError
 from ._flow import Ramp, flow_of
-from ._output import UNHEALTHY, Existing, gaussian_curvature, open_folder, pictures
+from ._output import UNHEALTHY, Existing, ending, gaussian_curvature, open_folder, pictures
 from ._start import Start, starting_surface
 from ._summary import (
     end_of_flow,
@@ -46,6 +47,7 @@ class CaseRun:
         return self.solution.succeeded and self.summary["status"] != UNHEALTHY
 
 
+@catch_interrupts()
 def run_case(
     case: Case,
     out: str | os.PathLike[str],
@@ -58,6 +60,7 @@ def run_case(
     Everything is written as soon as it exists. A run that fails, or is interrupted by Ctrl-C or
     SIGTERM, keeps its frames, its history and the last good state; `summary["status"]` and
     `summary["message"]` say why it stopped, `summary["health"]` what speaks against the result.
+    A second signal ends it at once.
 
     **Arguments:**
 
@@ -87,8 +90,10 @@ def run_case(
         rows = read_history(folder.history.path)
         found = recorder.fatal or warnings_of(case, start.mesh, last.x, last.H)
         status, words = name_of(solution.result), message(solution.result)
-        if found and case.output.fatal_warnings:
+        if recorder.fatal:
             status, words = UNHEALTHY, found[0].message
+        else:
+            status, words = ending(status, words, found, case.output.fatal_warnings)
         summary = {
             "status": status,
             "message": words,
@@ -164,7 +169,8 @@ class _Recorder:
         self._folder.append_history(row)
         if self._progress is not None:
             self._progress(row)
-        if self._case.output.fatal_warnings:
+        # An interrupt ends the run after this step anyway, and is then why it ended.
+        if self._case.output.fatal_warnings and not interrupted():
             self.fatal = health_warnings(self._mesh, state.x, state.H)
             if self.fatal:
                 raise _Unhealthy(state)

@@ -215,6 +215,9 @@ class BranchCase:
         optional(number("first step; left out, it follows from the parameter", above=0.0)), None
     )
     max_step: float | None = declare(optional(number("largest step", above=0.0)), None)
+    min_step: float | None = declare(
+        optional(number("smallest step; a branch that needs less ends", above=0.0)), None
+    )
     max_points: int = declare(integer("most points after the start", 1, 10_000), 100)
     self_contact: bool = declare(flag("stop where triangles pierce each other"), False)
 
@@ -222,6 +225,11 @@ class BranchCase:
         check_keys(self)
         if self.parameter == "reduced_volume" and not 0 < self.stop <= 1:
             raise refused(self.name, "stop", self.stop, "a reduced volume: > 0 and <= 1")
+        for name in ("step0", "max_step"):
+            larger = getattr(self, name)
+            if self.min_step is not None and larger is not None and self.min_step > larger:
+                allowed = f"a finite number > 0 and <= {name} = {larger:g}"
+                raise refused(self.name, "min_step", self.min_step, allowed)
 
 
 def _parameter_rule(default: object) -> Rule:

@@ -6,6 +6,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Float
 
 from ..fem import integrate
+from ..mesh import SurfaceMesh
 from ..surface import gaussian_curvature_load, mean_curvature_vector
 from ._base import AbstractEnergy
 from ._parameters import finite_field, on_nodes, positive_field
@@ -63,19 +64,37 @@ class CanhamHelfrich(AbstractEnergy):
         return cls(0.5 * kappa, gaussian_modulus, spontaneous_curvature)
 
     def __call__(self, mesh, x):
+        bending, b_k = self._bending(mesh, x, 1.0), self.gaussian_modulus
+        if b_k.ndim == 0:
+            return bending + 2 * jnp.pi * mesh.euler_characteristic * b_k
+        return bending + self._gaussian(mesh, x, b_k)
+
+    def scale(self, mesh: SurfaceMesh, x: Float[Array, "nodes 3"]) -> Float[Array, ""]:
+        r"""$\int b_b (|Y|^2 + H_0^2) + |\int (b_k - \bar b_k) K|$: what the energy is made of.
+
+        Where $H \approx H_0$ the energy vanishes while its terms do not, and the errors of the
+        discretisation are relative to them. The mean $\bar b_k$ adds nothing but a constant.
+        """
+        bending, b_k = self._bending(mesh, x, 0.0), self.gaussian_modulus
+        if b_k.ndim == 0:
+            return bending
+        return bending + jnp.abs(self._gaussian(mesh, x, b_k - jnp.mean(b_k)))
+
+    def _bending(self, mesh, x, mixed: float) -> Float[Array, ""]:
+        r"""$\int b_b (|Y|^2 - 2 m H_0\,Y\cdot n_\Gamma + H_0^2)$, m for `mixed`."""
         Y = mean_curvature_vector(mesh, x)
         fields = {
             "b_b": on_nodes("bending_modulus", self.bending_modulus, mesh),
             "H0": on_nodes("spontaneous_curvature", self.spontaneous_curvature, mesh),
         }
-        b_k = on_nodes("gaussian_modulus", self.gaussian_modulus, mesh)
 
         def density(point, f):
             Y, H0 = f.Y.value, f.H0.value
-            square = jnp.sum(Y**2) - 2 * H0 * jnp.sum(Y * point.normal) + H0**2
+            square = jnp.sum(Y**2) - 2 * mixed * H0 * jnp.sum(Y * point.normal) + H0**2
             return f.b_b.value * square
 
-        bending = integrate(mesh, x, density, {"Y": Y, **fields})
-        if self.gaussian_modulus.ndim == 0:
-            return bending + 2 * jnp.pi * mesh.euler_characteristic * self.gaussian_modulus
-        return bending + jnp.vdot(b_k, gaussian_curvature_load(mesh, x))
+        return integrate(mesh, x, density, {"Y": Y, **fields})
+
+    def _gaussian(self, mesh, x, b_k) -> Float[Array, ""]:
+        b_k = on_nodes("gaussian_modulus", b_k, mesh)
+        return jnp.vdot(b_k, gaussian_curvature_load(mesh, x))

@@ -9,6 +9,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
+from .._interrupts import interrupted
 from ..mesh import check_surface
 from ._diagnostics import mesh_health
 from ._equilibrium import LARGEST_STEP, Relaxation, settle
@@ -263,6 +264,8 @@ class _Run:
             return BRANCH_RESULTS.end_reached
         side = np.sign(stop - f.point.p)
         while len(self.points) <= max_points:
+            if interrupted():
+                return BRANCH_RESULTS.interrupted
             here = f.point
             ahead = here.p + length * float(here.tangent_g[-1])
             # Nearer to the end than the smallest step is at the end.

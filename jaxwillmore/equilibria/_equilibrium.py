@@ -10,6 +10,7 @@ import numpy as np
 import optimistix as optx
 from jaxtyping import Array, Float
 
+from .._interrupts import interrupted
 from ..energies import AbstractEnergy
 from ..linalg import EXACT
 from ..mesh import SurfaceMesh
@@ -200,6 +201,8 @@ def relax(relaxation: Relaxation, X, target: Parameters, max_outer: int, observe
     untried = optx.RESULTS.nonlinear_max_steps_reached
     best = system, Solved(start, jnp.asarray(jnp.inf), jnp.asarray(0), untried)
     for outer in range(1, max_outer + 1):
+        if interrupted():
+            return *best, RESULTS.interrupted, outer - 1
         ramp = jnp.clip(target.volume, (1 - rate) * volume, (1 + rate) * volume)
         ramping = relaxation.flags[1] and bool(jnp.abs(ramp / volume - 1) > SMALLEST_RAMP)
         aim = eqx.tree_at(lambda p: p.volume, target, ramp)

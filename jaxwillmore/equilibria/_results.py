@@ -19,6 +19,10 @@ class RESULTS(eqx.Enumeration):
         "The pseudo-time steps settled nowhere within `max_outer` steps. Raise `max_outer`, or ask "
         "for less at once; with a prescribed tension or pressure there may be no equilibrium."
     )
+    interrupted = (
+        "The search was interrupted. Its last accepted shape is kept; another search may start "
+        "from it."
+    )
 
 
 class BRANCH_RESULTS(eqx.Enumeration):
@@ -36,6 +40,10 @@ class BRANCH_RESULTS(eqx.Enumeration):
     self_contact = "The surface touches itself; equilibria beyond would need contact forces."
     point_limit = "The maximum number of points was reached; raise `max_points`."
     stopped = "The observer asked to stop."
+    interrupted = (
+        "The branch was interrupted. All its points are kept; another branch may start from the "
+        "last one."
+    )
 
 
 _NAMES = {
@@ -45,6 +53,7 @@ _NAMES = {
         "not_finite",
         "element_inverted",
         "not_settled",
+        "interrupted",
     ),
     BRANCH_RESULTS: (
         "end_reached",
@@ -53,6 +62,7 @@ _NAMES = {
         "self_contact",
         "point_limit",
         "stopped",
+        "interrupted",
     ),
 }
 

@@ -6,6 +6,7 @@ from collections.abc import Callable, Sequence
 
 from jaxtyping import Array, Float
 
+from .._interrupts import catch_interrupts
 from ..flows import AbstractFlow
 from ..mesh import SurfaceMesh
 from ..surface import area_radius
@@ -18,7 +19,6 @@ from ._checks import (
     checked_order,
     checked_tolerances,
 )
-from ._interrupt import catch_interrupts
 from ._loop import Loop
 from ._progress import TextProgressMeter, progress_text
 from ._save import Saver, save_times
@@ -73,8 +73,9 @@ def evolve(
     - `throw`: raise `RuntimeError` when the run stops before `t1` without being stationary.
     - `observer`: called with the diagnostics and the state after every accepted step.
     - `on_save`: called with every saved state as soon as it exists.
-    - `energy_tolerance`: relative rise of the energy per step that rejects it; `None` accepts any
-      (needed with a `forcing` that does work).
+    - `energy_tolerance`: rise of the energy per step that rejects it, relative to the sum of the
+      sizes of its terms (`energy_scale` of the flow); `None` accepts any (needed with a `forcing`
+      that does work).
     - `newton_tolerance`: error of the unknowns of a step, relative to their typical size.
     - `linear_solver`: `"krylov"` (falls back to LU where it stalls), `"direct"`, or `"pardiso"`
       with the extra `fast`.

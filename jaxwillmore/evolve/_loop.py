@@ -74,8 +74,10 @@ class Loop:
         history = self.stepper.start(jnp.asarray(t0), x0, fields, depth)
         state = State(t0, x0, self._initial_fields(history))
         self.times.append(t0)
-        energy = float(flow.energy(mesh, x0))
-        self._scale, self._least = 0.1 * abs(energy), energy
+        moment = flow.with_carried(fields)
+        energy = float(moment.energy(mesh, x0))
+        self._size = float(moment.energy_scale(mesh, x0))
+        self._floor, self._least = 0.1 * self._size, energy
         t, rejections, result = t0, 0, None
         self._save([state])
         while result is None:
@@ -97,8 +99,8 @@ class Loop:
                 continue
             history = history.push(jnp.asarray(t_new), attempt.x, attempt.U, attempt.multipliers)
             self.times.append(t_new)
-            rise = (record["energy"] - energy) / self._reference(energy)
-            t, energy = t_new, record["energy"]
+            rise = (record["energy"] - energy) / self._reference()
+            t, energy, self._size = t_new, record["energy"], record["energy_scale"]
             self._least = min(self._least, energy)
             state = State(t, attempt.x, self.stepper.fields(attempt.U))
             self._accept(record, attempt, state, dt, rejections)
@@ -161,16 +163,20 @@ class Loop:
             return RESULTS.step_too_small, 0.25
         if record["alignment"] <= 0:
             return RESULTS.element_inverted, 0.5
-        rise = self.controller.energy_tolerance * self._reference(energy)
+        rise = self.controller.energy_tolerance * self._reference()
         if record["energy"] > energy + rise or record["energy"] > self._least + CREEP * rise:
             return RESULTS.energy_rising, 0.5
         if self.schedule is None and float(attempt.error) > self.controller.rtol:
             return RESULTS.step_too_small, 0.5
         return None, 1.0
 
-    def _reference(self, energy: float) -> float:
-        """What a change of the energy is relative to."""
-        return max(abs(energy), self._scale)
+    def _reference(self) -> float:
+        r"""What a change of the energy is relative to: $\max(S, S_0/10)$, $S = \sum_i |E_i|$.
+
+        Relative to $|E|$ the guard would depend on a constant in the energy, and reject what the
+        discretisation does to every step where the terms $E_i$ cancel.
+        """
+        return max(self._size, self._floor)
 
     def _count(self, attempt: Attempt) -> None:
         for name in ("newton_iterations", "jacobians", "linear_iterations"):

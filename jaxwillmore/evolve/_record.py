@@ -42,16 +42,18 @@ def diagnostics(
 
     `normal_length_defect` is $\max ||\nu_h| - 1|$ over the nodes, `normal_distance` the relative
     L² distance of $\nu_h$ from the element normals, `stationarity` is $\max|V|$ divided by the
-    velocity scale of the law at the size of the surface.
+    velocity scale of the law at the size of the surface. `energy_scale` is the sum of
+    the sizes of the terms of the energy, which rises of the energy are relative to.
     """
-    nu, H = fields["nu"], fields["H"]
+    nu, H, moment = fields["nu"], fields["H"], flow.with_carried(fields)
     A, volume_ = area(mesh, x), volume(mesh, x)
     distance = integrate(mesh, x, lambda p, f: jnp.sum((f.nu.value - p.normal) ** 2), {"nu": nu})
     angles = corner_angles(mesh, x)
     radius = jnp.sqrt(A / (4 * jnp.pi))
     scale = radius / flow.time_scale(radius)
     return {
-        "energy": flow.energy(mesh, x),
+        "energy": moment.energy(mesh, x),
+        "energy_scale": moment.energy_scale(mesh, x),
         "willmore": Willmore()(mesh, x),
         "willmore_of_field": willmore_of_field(mesh, x, H),
         "area": A,

@@ -42,7 +42,8 @@ class Iterate(NamedTuple):
 class Descent(NamedTuple):
     """Where a descent ended: unknowns, residuals and their derivative, and why.
 
-    `result` is `None` where the strain ended it: the model wants a new reference.
+    `result` is `None` where the strain ended it: the model wants a new reference. `solved` tells
+    whether the model has a solution there with finite residuals; without one they say nothing.
     """
 
     u: Float[Array, " unknowns"]
@@ -51,6 +52,7 @@ class Descent(NamedTuple):
     strain: float
     result: RESULTS | None
     steps: int
+    solved: bool
 
     @property
     def objective(self) -> float:
@@ -95,7 +97,7 @@ def descend(
         accepted, state, _ = _step(solver, residuals, accepted, state)
         r = np.asarray(state.f_info.residual)
         if taken == 0 and not bool(state.aux.solved):
-            result = RESULTS.model_failed
+            result = RESULTS.interrupted if interrupted() else RESULTS.model_failed
             break
         if not np.all(np.isfinite(r)):
             result = RESULTS.not_finite
@@ -123,7 +125,8 @@ def descend(
         and explained(r, J) < NEARLY_STATIONARY
     ):
         result = RESULTS.converged
-    return Descent(accepted, r, J, float(state.aux.strain), result, taken)
+    solved = bool(state.aux.solved) and bool(np.all(np.isfinite(r)))
+    return Descent(accepted, r, J, float(state.aux.strain), result, taken, solved)
 
 
 def _call(u, residuals):

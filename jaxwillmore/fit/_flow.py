@@ -10,8 +10,8 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float, Int
 
+from .._interrupts import catch_interrupts
 from ..evolve import Stepper, evolve, replay
-from ..evolve._interrupt import catch_interrupts
 from ..flows import AbstractFlow
 from ..mesh import SurfaceMesh
 from ..surface import area_radius
@@ -255,7 +255,7 @@ def _finished(
     result = RESULTS.stalled if descent.result is None else descent.result
     values = {n: float(v) for n, v in residuals.values(u).items()}
     r, J = descent.residuals, descent.jacobian
-    if any(bool(result == lost) for lost in (RESULTS.model_failed, RESULTS.not_finite)):
+    if not descent.solved:
         r, J = np.zeros(len(r)), np.zeros(J.shape)
     slopes = [float(eqx.filter_grad(q.value)(u[k])) for k, q in enumerate(residuals.ranges)]
     found = laplace(

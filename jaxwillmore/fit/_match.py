@@ -9,8 +9,8 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
+from .._interrupts import catch_interrupts
 from ..equilibria import Equilibrium, equilibrium, spheroid
-from ..evolve._interrupt import catch_interrupts
 from ..mesh import SurfaceMesh
 from ..surface import reduced_volume
 from ._closest import closest
@@ -206,7 +206,6 @@ class _Matcher:
 
     def run(self, u, new_references: bool, interrupted: Callable[[], bool]) -> Descent:
         """Descend, stage by stage, until one ends near its own reference."""
-        self.interrupted = interrupted
         while True:
             self.stages += 1
             coarse = self.resolution == COARSE
@@ -225,15 +224,16 @@ class _Matcher:
             done = result is not None and bool(result == RESULTS.converged)
             if result is not None and not done and not (coarse and _may_go_on(result)):
                 return descent
-            if coarse and result is not None:
-                self._refine()
-                done = False
+            finer = coarse and result is not None
             if new_references and descent.strain > SETTLED_STRAIN:
                 if self.stages >= MAX_STAGES or not self._new_references(u):
-                    return descent._replace(result=RESULTS.stalled)
+                    end = RESULTS.interrupted if interrupted() else RESULTS.stalled
+                    return descent._replace(result=end)
                 u = self._still(u)
-            elif done:
+            elif done and not finer:
                 return descent
+            if finer:
+                self._refine()
 
     def _refine(self) -> None:
         factor = FINE / self.resolution
@@ -311,7 +311,7 @@ def _best_pose(shape: Equilibrium, t: Target) -> Pose:
 def _finished(matcher: _Matcher, descent: Descent, noise, rank_tolerance, began) -> ShapeFit:
     layout, u = matcher.layout, descent.u
     result = RESULTS.stalled if descent.result is None else descent.result
-    lost = any(bool(result == r) for r in (RESULTS.model_failed, RESULTS.not_finite))
+    lost = not descent.solved
     if lost:
         rows = np.zeros(descent.jacobian.shape)
         descent = descent._replace(residuals=np.zeros(len(rows)), jacobian=rows)

@@ -1,7 +1,8 @@
 """What a flow is: fields, frozen data, one weak form, and the velocity that moves the nodes."""
 
 import abc
-from types import SimpleNamespace
+from collections.abc import Mapping
+from types import MappingProxyType, SimpleNamespace
 from typing import ClassVar
 
 import equinox as eqx
@@ -29,8 +30,9 @@ class AbstractFlow(eqx.Module):
     global_names: eqx.AbstractVar[tuple[str, ...]]
     # Groups of unknowns that decouple when the coefficients are frozen, in order of solution.
     stages: eqx.AbstractVar[tuple[tuple[str, ...], ...]]
-    # Parameters that sit on the nodes and move with them: right where nodes move with Vν only.
-    carried: ClassVar[tuple[str, ...]] = ()
+    # Parameters that sit on the nodes and stay there, by name, with one number for every node; they
+    # are columns of `data` under the same names. Right where nodes move with Vν only.
+    carried: ClassVar[Mapping[str, Array]] = MappingProxyType({})
 
     @abc.abstractmethod
     def equation(
@@ -96,8 +98,23 @@ class AbstractFlow(eqx.Module):
         """The evolving fields at the start: as given, or recovered from the nodes."""
 
     @abc.abstractmethod
+    def with_carried(self, fields: dict[str, Array]) -> "AbstractFlow":
+        """The flow with those parameters replaced that `fields` has as unknowns; else itself.
+
+        A flow around it may move the nodes along the surface and solve for what they carry.
+        """
+
+    @abc.abstractmethod
     def energy(self, mesh: SurfaceMesh, x: Float[Array, "nodes 3"]) -> Float[Array, ""]:
         """The energy that the law lowers, from the nodes alone."""
+
+    @abc.abstractmethod
+    def energy_scale(self, mesh: SurfaceMesh, x: Float[Array, "nodes 3"]) -> Float[Array, ""]:
+        r"""The sizes of the terms of the energy, added: $\sum_i |E_i|$ for $E = \sum_i E_i$.
+
+        What a change of the energy is small against. The energy itself passes through zero where
+        its terms cancel, and their discretisation errors do not.
+        """
 
     @abc.abstractmethod
     def scales(self, length: Float[Array, ""]) -> Float[Array, " fields"]:

@@ -124,8 +124,8 @@ class HelfrichFlow(AbstractFlow):
     parameter that is not finite; when a run starts, for a field that does not have one number for
     every node, and for an $H_0$ beyond the inverse distance between the nodes.
 
-    *Limits:* jumps in the fields are smeared over a triangle; `MinimalDeformation` would drag the
-    fields along the surface and refuses them.
+    *Limits:* jumps in the fields are smeared over a triangle. Inside `MinimalDeformation`, where
+    nodes slip past the material, the fields become unknowns.
 
     ```python
     stiff = 0.5 + 0.2 * x[:, 2]
@@ -161,9 +161,16 @@ class HelfrichFlow(AbstractFlow):
         self.consistency_weight = checked_weight(consistency_weight)
 
     @property
-    def carried(self) -> tuple[str, ...]:
+    def carried(self) -> dict[str, Array]:
         names = ("bending_modulus", "spontaneous_curvature", "gaussian_modulus")
-        return tuple(name for name in names if getattr(self, name).ndim)
+        return {name: getattr(self, name) for name in names if getattr(self, name).ndim}
+
+    def with_carried(self, fields):
+        names = [name for name in self.carried if name in fields]
+        if not names:
+            return self
+        where = lambda flow: [getattr(flow, name) for name in names]
+        return eqx.tree_at(where, self, [fields[name] for name in names])
 
     @property
     def _has_gaussian_force(self) -> bool:
@@ -177,8 +184,8 @@ class HelfrichFlow(AbstractFlow):
 
     @property
     def data(self) -> Layout:
-        names = ("alpha", "force", "b", "H0")
-        names = (*names, "b_k") if self._has_gaussian_force else names
+        names = ("alpha", "force", "bending_modulus", "spontaneous_curvature")
+        names = (*names, "gaussian_modulus") if self._has_gaussian_force else names
         return Layout(names, (1,) * len(names))
 
     @property
@@ -187,22 +194,24 @@ class HelfrichFlow(AbstractFlow):
         return (*first, ("nu", "g"), ("H", "V"))
 
     def equation(self, name, point, rate, hat, trial, data, chi):
+        b_b, H0 = data.bending_modulus, data.spontaneous_curvature
+        b = Jet(2 * b_b.value, 2 * b_b.grad)
         if name == "H":
             return mean_curvature_equation(rate.H, trial.V, hat, chi) + (
                 mean_curvature_consistency(trial.H, trial.nu, data.alpha, chi)
             )
         if name == "g":
-            return potential_gradient_equation(trial.g, trial.nu, hat, data.b, data.H0, chi)
+            return potential_gradient_equation(trial.g, trial.nu, hat, b, H0, chi)
         if name == "q":
-            return gaussian_force_equation(trial.q, hat, data.b_k, chi)
-        Q = lower_order_force(hat, data.b, data.H0) + data.force.value
+            return gaussian_force_equation(trial.q, hat, data.gaussian_modulus, chi)
+        Q = lower_order_force(hat, b, H0) + data.force.value
         if self._has_gaussian_force:
             # An earlier stage has solved for q; its extrapolation is not known in the first step.
             Q = Q + trial.q.value
         if name == "V":
-            grad_U = potential_gradient(trial.H, data.b, data.H0)
+            grad_U = potential_gradient(trial.H, b, H0)
             return potential_velocity_equation(trial.V, grad_U, Q, chi)
-        grad_U = potential_gradient(hat.H, data.b, data.H0)
+        grad_U = potential_gradient(hat.H, b, H0)
         return potential_normal_equation(rate.nu, trial.g, hat, grad_U, Q, chi) + (
             normal_consistency(trial.nu, point, data.alpha, chi)
         )
@@ -217,15 +226,15 @@ class HelfrichFlow(AbstractFlow):
         return jnp.zeros(0)
 
     def nodal_data(self, mesh, t, x, fields):
-        b = 2 * on_nodes("bending_modulus", self.bending_modulus, mesh)
+        b_b = on_nodes("bending_modulus", self.bending_modulus, mesh)
         H0 = on_nodes("spontaneous_curvature", self.spontaneous_curvature, mesh)
-        curvature = b * nodal_weingarten_squared(mesh, x, fields["nu"]) ** 2
+        curvature = 2 * b_b * nodal_weingarten_squared(mesh, x, fields["nu"]) ** 2
         alpha = consistency_weight(self.consistency_weight, self.consistency, curvature)
         force = jnp.zeros(mesh.n_nodes)
         forcing = self.forcing
         if forcing is not None:
             force = jax.vmap(lambda p: forcing(t, p))(x)
-        columns = [alpha, force, b, H0]
+        columns = [alpha, force, b_b, H0]
         if self._has_gaussian_force:
             columns.append(on_nodes("gaussian_modulus", self.gaussian_modulus, mesh))
         return jnp.stack(columns, axis=1)
@@ -239,9 +248,15 @@ class HelfrichFlow(AbstractFlow):
         return {"H": H, "nu": nu}
 
     def energy(self, mesh, x):
+        return self._bending_energy()(mesh, x)
+
+    def energy_scale(self, mesh, x):
+        return self._bending_energy().scale(mesh, x)
+
+    def _bending_energy(self):
         return CanhamHelfrich(
             self.bending_modulus, self.gaussian_modulus, self.spontaneous_curvature
-        )(mesh, x)
+        )
 
     def scales(self, length):
         b = 2 * jnp.mean(self.bending_modulus)

@@ -149,9 +149,18 @@ class Loaded(AbstractFlow):
     def initial_fields(self, mesh, x, given):
         return self.flow.initial_fields(mesh, x, given)
 
+    def with_carried(self, fields):
+        return eqx.tree_at(lambda f: f.flow, self, self.flow.with_carried(fields))
+
     def energy(self, mesh, x):
         total = self.flow.energy(mesh, x)
         return total if self.load_energy is None else total + self.load_energy(mesh, x)
+
+    def energy_scale(self, mesh, x):
+        total = self.flow.energy_scale(mesh, x)
+        for factor, term in self._terms():
+            total += jnp.abs(factor * term(mesh, x))
+        return total
 
     def scales(self, length):
         return self.flow.scales(length)

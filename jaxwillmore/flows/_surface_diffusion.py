@@ -83,7 +83,13 @@ class SurfaceDiffusion(AbstractFlow):
         H = given["H"] if "H" in given else recover_mean_curvature(mesh, x)
         return {"H": H, "nu": nu}
 
+    def with_carried(self, fields):
+        return self
+
     def energy(self, mesh, x):
+        return area(mesh, x)
+
+    def energy_scale(self, mesh, x):
         return area(mesh, x)
 
     def scales(self, length):

@@ -2,6 +2,8 @@
 
 from types import SimpleNamespace
 
+import equinox as eqx
+import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
@@ -26,6 +28,14 @@ def tangency_equation(w: Jet, nu: Jet, xi: Jet) -> Float[Array, ""]:
     return inner(w.value, nu.value) * xi.value
 
 
+def transport_equation(rate, w: Jet, phi: Jet, chi: Jet) -> Float[Array, ""]:
+    r"""$(\partial^\bullet\phi, \chi) = (w\cdot\nabla\phi, \chi)$ along nodes moving by $V\nu + w$.
+
+    $\phi$ stays on its material points, which move with $V\nu$.
+    """
+    return (rate - inner(w.value, phi.grad)) * chi.value
+
+
 class MinimalDeformation(AbstractFlow):
     r"""A flow whose nodes move with the velocity of minimal deformation rate.
 
@@ -39,14 +49,17 @@ class MinimalDeformation(AbstractFlow):
     and the blocks of the plain flow, which precondition the linear solves, would lose that
     dependence.
 
+    Parameters on the nodes (`HelfrichFlow` with fields) belong to material points, which move with
+    $V\nu$. Nodes slip past them by $w$, so that the fields become unknowns of the same system,
+    under their names, and obey $\partial^\bullet\phi = w\cdot\nabla\phi$ along the nodes. The
+    fields of the flow are the initial values; the energy of a state is that of its own fields.
+
     **Arguments:**
 
     - `flow`: a flow with the unknowns $H$, $V$, $\nu$.
 
-    **Raises:** `ValueError` for a flow with parameters on the nodes (`HelfrichFlow` with fields).
-
-    *Limits:* material fields (phases, moduli) would have to be transported too; move them with the
-    plain flow.
+    *Limits:* the transport has no diffusion of its own. A field that changes over less than a
+    triangle overshoots; a modulus that comes near zero may change its sign.
 
     ??? cite "Reference"
         Hu, Li (2022), *Numer. Math.* 150, 1121–1164.
@@ -54,23 +67,15 @@ class MinimalDeformation(AbstractFlow):
 
     flow: AbstractFlow
 
-    def __init__(self, flow: AbstractFlow):
-        if flow.carried:
-            names = ", ".join(f"`{name}`" for name in flow.carried)
-            raise ValueError(
-                f"`MinimalDeformation` moves nodes along the surface, and {names} would move with "
-                "them. Give numbers instead of fields, or run the flow without it."
-            )
-        self.flow = flow
-
     @property
     def layout(self) -> Layout:
-        base = self.flow.layout
-        return Layout((*base.names, "w", "kappa"), (*base.sizes, 3, 1))
+        base, carried = self.flow.layout, self.flow.carried
+        names, sizes = (*base.names, "w", "kappa", *carried), (*base.sizes, 3, 1)
+        return Layout(names, sizes + (1,) * len(carried))
 
     @property
     def evolving(self):
-        return self.flow.evolving
+        return (*self.flow.evolving, *self.flow.carried)
 
     @property
     def data(self):
@@ -78,7 +83,7 @@ class MinimalDeformation(AbstractFlow):
 
     @property
     def stages(self):
-        return (*self.flow.stages, ("w", "kappa"))
+        return (*self.flow.stages, ("w", "kappa"), *((name,) for name in self.flow.carried))
 
     @property
     def global_names(self):
@@ -90,6 +95,12 @@ class MinimalDeformation(AbstractFlow):
             return deformation_equation(v, trial.kappa, hat.nu, chi)
         if name == "kappa":
             return tangency_equation(trial.w, hat.nu, chi)
+        carried = self.flow.carried
+        if name in carried:
+            return transport_equation(getattr(rate, name), trial.w, getattr(trial, name), chi)
+        # The plain flow finds the fields of the moment in the place of those it was made with.
+        fields = {name: getattr(hat, name) for name in carried}
+        data = SimpleNamespace(**{**vars(data), **fields})
         base = self.flow.equation(name, point, rate, hat, trial, data, chi)
         v = composed_velocity(hat.V, hat.nu, hat.w).value
         if name == "H":
@@ -108,20 +119,32 @@ class MinimalDeformation(AbstractFlow):
         return self.flow.global_scales(length)
 
     def nodal_data(self, mesh, t, x, fields):
-        return self.flow.nodal_data(mesh, t, x, fields)
+        return self.flow.with_carried(fields).nodal_data(mesh, t, x, fields)
 
     def initial_fields(self, mesh, x, given):
-        return self.flow.initial_fields(mesh, x, given)
+        carried = {name: given.get(name, phi) for name, phi in self.flow.carried.items()}
+        return self.flow.initial_fields(mesh, x, given) | carried
+
+    def with_carried(self, fields):
+        return eqx.tree_at(lambda f: f.flow, self, self.flow.with_carried(fields))
 
     def energy(self, mesh, x):
         return self.flow.energy(mesh, x)
 
+    def energy_scale(self, mesh, x):
+        return self.flow.energy_scale(mesh, x)
+
     def scales(self, length):
         velocity = length / self.flow.time_scale(length)
-        ones = jnp.ones(3)
-        return jnp.concatenate(
-            [self.flow.scales(length), velocity * ones, velocity[None] / length**2]
-        )
+        tail = [velocity, velocity, velocity, velocity / length**2]
+        tail += [_size(phi) for phi in self.flow.carried.values()]
+        return jnp.concatenate([self.flow.scales(length), jnp.stack(tail)])
 
     def time_scale(self, length):
         return self.flow.time_scale(length)
+
+
+def _size(phi: Float[Array, " nodes"]) -> Float[Array, ""]:
+    """The largest value of a field; one for a field that is zero."""
+    size = jnp.max(jnp.abs(jax.lax.stop_gradient(phi)))
+    return jnp.where(size > 0, size, 1.0)

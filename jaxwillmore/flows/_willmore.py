@@ -189,8 +189,17 @@ class WillmoreFlow(AbstractFlow):
         H = given["H"] if "H" in given else recover_mean_curvature(mesh, x)
         return {"H": H, "nu": nu}
 
+    def with_carried(self, fields):
+        return self
+
     def energy(self, mesh, x):
-        return CanhamHelfrich(self.bending_modulus, 0.0, self.spontaneous_curvature)(mesh, x)
+        return self._bending_energy()(mesh, x)
+
+    def energy_scale(self, mesh, x):
+        return self._bending_energy().scale(mesh, x)
+
+    def _bending_energy(self):
+        return CanhamHelfrich(self.bending_modulus, 0.0, self.spontaneous_curvature)
 
     def scales(self, length):
         b = 2 * self.bending_modulus

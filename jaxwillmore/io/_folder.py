@@ -84,7 +84,7 @@ class RunFolder:
         if ours and existing == "refuse":
             raise RunFolderError(
                 f"`{self.path}` holds an earlier run ({ours[0].name}); choose another folder, or "
-                "ask to replace it or to resume it."
+                "ask to replace it."
             )
         if existing == "replace":
             for file in ours:

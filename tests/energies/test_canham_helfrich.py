@@ -27,6 +27,18 @@ def test_spheres_have_a_closed_form(R, H0):
     np.testing.assert_allclose(found, expected, atol=3e-4 * 16 * np.pi * 0.8)
 
 
+def test_the_scale_is_what_remains_where_the_energy_cancels():
+    """b_b (4/R² + H₀²) 4πR² on a sphere, also at H₀ = 2/R; a constant b_k is no part of it."""
+    R, H0, b = 2.0, 1.0, 0.8
+    mesh, x = icosphere(1, 2, R)
+    energy = CanhamHelfrich(b, 0.3, H0)
+    expected = b * (4 / R**2 + H0**2) * 4 * np.pi * R**2
+    np.testing.assert_allclose(energy.scale(mesh, x), expected, rtol=2e-3)
+    assert abs(value(energy, mesh, x) - 0.3 * 4 * np.pi) < 3e-3 * expected
+    field = CanhamHelfrich(b, jnp.full(mesh.n_nodes, 5.0), H0)
+    np.testing.assert_allclose(field.scale(mesh, x), energy.scale(mesh, x), rtol=1e-12)
+
+
 def test_gauss_bonnet_on_a_torus():
     """χ = 0: the Gaussian modulus does not enter."""
     mesh, x = torus(1.0, 0.5, level=0, degree=2)

@@ -1,12 +1,15 @@
 """Cases of fits: what is read, what is refused, what a folder holds afterwards."""
 
 import json
+import os
+import signal
 
 import numpy as np
 import pytest
 
 from jaxwillmore.cases import CaseError, load_fit, run_fit
 from jaxwillmore.cli import main
+from jaxwillmore.equilibria import equilibrium
 from jaxwillmore.io import write_npz
 
 from .profiles import OBLATE, equilibrium_nodes
@@ -100,3 +103,40 @@ def test_nothing_to_resume_is_said(oblate, capsys):
     command = ["fit", str(oblate / "fit.toml"), "--out", str(oblate / "new"), "--resume"]
     assert main(command) == 2
     assert "no fit to resume" in capsys.readouterr().err
+
+
+@pytest.mark.slow
+def test_an_interrupted_fit_ends_with_130_keeps_its_iterate_and_resumes(oblate, capsys):
+    (oblate / "fit.toml").write_text(CASE.replace("max_steps = 3", "max_steps = 60"))
+    task = load_fit(oblate / "fit.toml")
+
+    def interrupt(row):
+        if row["step"] == 1:
+            os.kill(os.getpid(), signal.SIGTERM)
+
+    run = run_fit(task, oblate / "out", progress=interrupt)
+    assert run.summary["status"] == "interrupted" and run.summary["steps"] == 1
+    assert json.loads((oblate / "out" / "summary.json").read_text())["status"] == "interrupted"
+    assert (oblate / "out" / "iterate.json").exists() and (oblate / "out" / "final_0.npz").exists()
+    assert (oblate / "out" / "overlay_0.png").exists()
+    assert not (oblate / "out" / "profile.png").exists()  # it would be new work
+    command = ["fit", str(oblate / "fit.toml"), "--out", str(oblate / "out"), "--quiet"]
+    assert main(command) == 2
+    assert "--replace, or --resume" in capsys.readouterr().err
+    assert main([*command, "--resume"]) == 0
+    summary = json.loads((oblate / "out" / "summary.json").read_text())
+    assert summary["status"] == "converged"
+
+
+@pytest.mark.slow
+def test_a_fit_interrupted_before_its_first_step_says_so(oblate, monkeypatch):
+    from jaxwillmore.fit import _match
+
+    def interrupted_equilibrium(*arguments, **options):
+        os.kill(os.getpid(), signal.SIGTERM)
+        return equilibrium(*arguments, **options)
+
+    monkeypatch.setattr(_match, "equilibrium", interrupted_equilibrium)
+    run = run_fit(load_fit(CASE.replace("cell.npz", str(oblate / "cell.npz"))), oblate / "out")
+    assert run.summary["status"] == "interrupted" and not run.succeeded
+    assert run.summary["shapes"] == []

@@ -31,6 +31,36 @@ def test_area_and_volume_are_held_to_rounding(ellipsoid):
     assert float(jnp.max(jnp.abs(run.state.x - x))) > 1e-3  # it did move
 
 
+def test_the_scale_of_the_energy_adds_the_sizes_of_its_terms(ellipsoid):
+    mesh, x = ellipsoid
+    A, V = float(jw.surface.area(mesh, x)), float(jw.surface.volume(mesh, x))
+    flow = WillmoreFlow(0.5, 1.0)
+    loaded = Loaded(flow, SurfaceTension(-2.0) + 3.0 * Pressure(1.5))
+    expected = flow.energy_scale(mesh, x) + 2.0 * A + 4.5 * V
+    np.testing.assert_allclose(loaded.energy_scale(mesh, x), expected, rtol=1e-12)
+    assert float(loaded.energy(mesh, x)) < 0 < float(flow.energy(mesh, x))
+
+
+def test_a_constant_in_the_energy_does_not_end_a_run():
+    """At a held volume a pressure adds −PV to the energy and does nothing.
+
+    It is chosen so that the energy passes through zero, where no rise is small against |E|; with
+    42 nodes the energy creeps up by a few 1e-6 of its terms in many steps.
+    """
+    mesh, x = jw.mesh.ellipsoid(semi_axes=(1.0, 1.0, 2.0), level=0, degree=2)
+    V0 = jw.surface.volume(mesh, x)
+
+    def run(energy):
+        flow = Loaded(WillmoreFlow(), Pressure(energy / V0), fixed_volume=V0)
+        return jw.evolve.evolve(flow, mesh, x, t1=0.4, throw=False)
+
+    plain, shifted = run(0.0), run(28.4)
+    assert plain.succeeded and shifted.succeeded
+    assert shifted.records[0]["energy"] > 0 > shifted.records[-1]["energy"]
+    assert shifted.stats["rejected_steps"] <= plain.stats["rejected_steps"]
+    np.testing.assert_allclose(shifted.state.x, plain.state.x, atol=5e-3)
+
+
 @pytest.mark.slow
 def test_a_replay_has_the_multipliers_of_the_run(ellipsoid):
     mesh, x = ellipsoid
