@@ -67,6 +67,9 @@ class MinimalDeformation(AbstractFlow):
 
     flow: AbstractFlow
 
+    def __init__(self, flow: AbstractFlow):
+        self.flow = flow
+
     @property
     def layout(self) -> Layout:
         base, carried = self.flow.layout, self.flow.carried
