@@ -21,12 +21,12 @@ from ._examples import (
     is_example as is_example,
 )
 from ._fit import FitRun as FitRun, run_fit as run_fit
-from ._fit_case import (
+from ._fit_case import FitTask as FitTask, load_fit as load_fit
+from ._fit_sections import (
     FitCase as FitCase,
-    FitTask as FitTask,
+    FlowModelCase as FlowModelCase,
     ModelCase as ModelCase,
     TargetCase as TargetCase,
-    load_fit as load_fit,
 )
 from ._load import load_case as load_case
 from ._run import CaseRun as CaseRun, run_case as run_case

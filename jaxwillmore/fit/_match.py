@@ -42,7 +42,7 @@ HOPELESS = 0.4
 
 
 def match_shapes(
-    targets: Sequence[tuple[SurfaceMesh | np.ndarray, Float[Array | np.ndarray, "nodes 3"]]],
+    targets: Sequence[tuple[SurfaceMesh | np.ndarray, Float[Array | np.ndarray, "_ 3"]]],
     *,
     free: Sequence[str] = ("reduced_volume", "spontaneous_curvature"),
     shared: Sequence[str] = ("spontaneous_curvature",),

@@ -5,11 +5,12 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Float
 
+from ._flow_fit import FlowFit
 from ._shape_fit import ShapeFit
 
 
 def profile(
-    fit: ShapeFit, label: str, values: Float[np.ndarray, " values"]
+    fit: ShapeFit | FlowFit, label: str, values: Float[np.ndarray, " values"]
 ) -> Float[np.ndarray, " values"]:
     r"""Root mean square residual, over that of the fit, at given values of one free parameter.
 
@@ -18,10 +19,10 @@ def profile(
 
     **Raises:** `ValueError` for a label that is not free.
     """
-    layout = fit.residuals.unknowns
-    if label not in layout.labels:
-        raise ValueError(f"`label` must be one of {', '.join(layout.labels)}; got {label!r}.")
-    k = layout.labels.index(label)
+    labels, ranges = fit.residuals.labels, fit.residuals.ranges
+    if label not in labels:
+        raise ValueError(f"`label` must be one of {', '.join(labels)}; got {label!r}.")
+    k = labels.index(label)
     J = fit.jacobian
     rest = np.delete(np.arange(J.shape[1]), k)
     follow = -np.linalg.lstsq(J[:, rest], J[:, k], rcond=1e-8)[0]
@@ -30,7 +31,7 @@ def profile(
     least = float(misfit(fit.residuals, fit.u)[0])
     found = []
     for value in np.asarray(values, float):
-        change = layout.ranges[k].unknown(float(value)) - best[k]
+        change = ranges[k].unknown(float(value)) - best[k]
         u = best.copy()
         u[k] += change
         u[rest] += follow * change

@@ -177,8 +177,8 @@ def matched(
         p |= {"spontaneous_curvature": H0, "radius": radius}
         errors = _errors(residuals, descent, robust, k, np.asarray(slopes))
         mesh = residuals.models[k].equilibrium.mesh
-        distances, signed = _distances(target, mesh, np.asarray(x))
-        shapes.append(MatchedShape(mesh, x, p, errors, distances, signed))
+        numbers, signed = distances(target, mesh, np.asarray(x))
+        shapes.append(MatchedShape(mesh, x, p, errors, numbers, signed))
     return tuple(shapes), found, robust
 
 
@@ -228,7 +228,10 @@ def _errors(residuals, descent, robust: Identification, k: int, slopes) -> dict[
     return dict(zip(FOLLOWING, map(float, spread), strict=True)) | {"spontaneous_curvature": of_H0}
 
 
-def _distances(target: Target, mesh: SurfaceMesh, x: np.ndarray):
+def distances(
+    target: Target, mesh: SurfaceMesh, x: Float[np.ndarray, "nodes 3"]
+) -> tuple[dict[str, float], Float[np.ndarray, " points"]]:
+    """Numbers for the distances between a target and a model, and that of every node."""
     points, cells = np.asarray(target.x), np.asarray(mesh.cells)
     signed = _signed(cells, x, points)
     back = _signed(np.asarray(target.mesh.cells), points, x)

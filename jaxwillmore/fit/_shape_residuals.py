@@ -12,6 +12,7 @@ from ..mesh import SurfaceMesh
 from ..surface import area_radius, centroid
 from ._descend import Aux
 from ._distance import Surface, signed_distance
+from ._parameters import AbstractRange
 from ._pose import Pose
 from ._unknowns import Unknowns
 
@@ -158,6 +159,16 @@ class ShapeResiduals(eqx.Module):
     sizes: Float[Array, " targets"]
     unit: Float[Array, ""]
     both_ways: bool = eqx.field(static=True)
+
+    @property
+    def labels(self) -> tuple[str, ...]:
+        """Names of the free parameters, which are the first of the unknowns."""
+        return self.unknowns.labels
+
+    @property
+    def ranges(self) -> tuple[AbstractRange, ...]:
+        """One for each label."""
+        return self.unknowns.ranges
 
     def shape(self, u: Float[Array, " unknowns"], k: int):
         """The equilibrium of one target, whether it exists, and its nodes in their place."""

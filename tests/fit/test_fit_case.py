@@ -37,10 +37,10 @@ def test_a_case_is_complete_and_reads_back_the_same(tmp_path):
     [
         ({}, r"\[target\] file: is missing"),
         ({"target": {"file": 3}}, "text in quotes"),
-        ({"target": {"file": "a"}, "flow": {}}, "unknown section"),
+        ({"target": {"file": "a"}, "time": {}}, "unknown section"),
         ({"target": {"file": "a", "scale": 1}}, "unknown key"),
         ({"target": {"file": "a"}, "fit": {"free": ["bending_modulus"]}}, "a list of"),
-        ({"target": {"file": "a"}, "fit": {"reduced_volume_bounds": [0.9, 0.5]}}, "two rising"),
+        ({"target": {"file": "a"}, "fit": {"reduced_volume_bounds": [0.9, 0.5]}}, "2 rising"),
         ({"target": {"file": "a"}, "model": {"level": 9}}, "whole number from 1 to 5"),
         ({"target": {"file": "a"}, "model": 3}, "must be a table"),
     ],
