@@ -18,6 +18,7 @@ from ._error import CaseError as CaseError
 from ._examples import (
     example_names as example_names,
     example_path as example_path,
+    fit_example_names as fit_example_names,
     is_example as is_example,
 )
 from ._fit import FitRun as FitRun, run_fit as run_fit

@@ -39,6 +39,8 @@ def match(task: FitTask, targets, folder: RunFolder, resume: bool, progress) -> 
         kind=model.kind,
         bounds=bounds,
         level=model.level,
+        distance=fit.distance,
+        max_degree=fit.max_degree,
         both_ways=fit.both_ways,
         noise=fit.noise,
         tolerance=fit.tolerance,
@@ -56,6 +58,7 @@ def match(task: FitTask, targets, folder: RunFolder, resume: bool, progress) -> 
 
 
 def _summary(found: fits.ShapeFit) -> dict[str, Any]:
+    by_mesh = fits.mesh_errors(found) if found.succeeded else {}
     return {
         **ending(found.result),
         "shapes": [
@@ -69,7 +72,8 @@ def _summary(found: fits.ShapeFit) -> dict[str, Any]:
         "rms_over_R0": found.rms,
         "on_bound": list(found.on_bound),
         **identification(found.identification, found.robust),
-        "in_words": list(found.in_words()),
+        "mesh_errors": by_mesh,
+        "in_words": [*found.in_words(), *_coarse_words(found, by_mesh)],
         **found.stats,
     }
 
@@ -83,3 +87,14 @@ def _draw(folder: RunFolder, targets, found: fits.ShapeFit) -> None:
             title = f"{status}: {words},  R0 = {p['radius']:.4g},  rms distance {rms:.3g}"
             draw_shape(folder, k, target, (shape.mesh, shape.x), shape.residual, title, rms)
         draw_profiles(folder, found, found.robust.standard_errors)
+
+
+def _coarse_words(found: fits.ShapeFit, by_mesh: dict[str, float]) -> list[str]:
+    """Of parameters that the mesh moves by more than the errors of the data do."""
+    errors = found.robust.standard_errors
+    return [
+        f"The mesh of the model alone may move {label} by {error:.2g}, more than its standard "
+        f"error ({errors[label]:.2g}); a finer one is had by a larger `level`."
+        for label, error in by_mesh.items()
+        if error > errors[label]
+    ]

@@ -120,6 +120,11 @@ class FitCase:
     spontaneous_curvature_bounds: tuple[float, float] | None = declare(
         optional(rising("allowed range", 2)), None
     )
+    distance: str = declare(
+        choice("of points, or of harmonics of a star-shaped radius", "points", "harmonics"),
+        "points",
+    )
+    max_degree: int = declare(integer("largest degree of the harmonics", 2, 30), 12)
     both_ways: bool = declare(flag("also from the model to the target"), False)
     noise: float | None = declare(
         optional(number("standard deviation of the nodes of the target", above=0.0)), None
@@ -159,6 +164,8 @@ _APPLIES = {
     "shared": (MATCH, BALANCE),
     "reduced_volume_bounds": (MATCH,),
     "spontaneous_curvature_bounds": (MATCH, SERIES),
+    "distance": (MATCH,),
+    "max_degree": (MATCH,),
     "both_ways": (MATCH,),
     "rtol": (SERIES,),
 }

@@ -8,6 +8,7 @@ from ._force_balance import ForceBalance as ForceBalance, force_balance as force
 from ._identify import Identification as Identification, identify as identify
 from ._likelihood import log_likelihood as log_likelihood
 from ._match import match_shapes as match_shapes
+from ._mesh_error import mesh_errors as mesh_errors
 from ._parameters import (
     AbstractRange as AbstractRange,
     Between as Between,

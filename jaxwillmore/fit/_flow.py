@@ -17,9 +17,8 @@ from ._flow_fit import FlowFit
 from ._flow_residuals import Build, FlowResiduals, Schedule, schedule
 from ._parameters import AbstractRange, Positive, Unbounded
 from ._results import RESULTS, message, name_of
-from ._shape_residuals import Target, target
 from ._statistics import laplace
-from ._targets import checked_surface
+from ._targets import Target, checked_surface, target
 
 # Distance in R0 that counts as one against the damping of the descent.
 RESOLUTION = 1e-2

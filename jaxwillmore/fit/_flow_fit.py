@@ -4,6 +4,7 @@ import dataclasses
 from typing import Any
 
 import equinox as eqx
+import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
@@ -12,7 +13,7 @@ from ._flow_residuals import FlowResiduals
 from ._identify import Identification
 from ._results import RESULTS
 from ._shape_fit import distances
-from ._shape_residuals import Target
+from ._targets import Target
 
 MOBILITY_IS_INVISIBLE = (
     "The mobility is taken as 1: a flow shows only the products of mobility with moduli and forces."
@@ -74,16 +75,24 @@ class FlowFit:
         """What this series does not tell, one sentence each."""
         return (MOBILITY_IS_INVISIBLE, *self.identification.in_words())
 
+    def misfit(self, u: Float[Array, " unknowns"]) -> tuple[float, bool]:
+        """Norm of the residuals for other unknowns, and whether the flow exists."""
+        size, solved, _ = _looked(self.residuals, u)
+        return float(size), bool(solved)
+
     def shapes(self) -> tuple[SeenShape, ...]:
         """The flow at the times of the observations, by one more run."""
-        run = _run(self.residuals, self.u)
-        mesh, found = self.residuals.mesh, []
-        for target, k in zip(self.targets, np.asarray(self.residuals.seen_at), strict=True):
-            numbers, signed = distances(target, mesh, np.asarray(run.x[k]))
-            found.append(SeenShape(float(run.times[k]), mesh, run.x[k], numbers, signed))
+        nodes, r = _looked(self.residuals, self.u)[2], self.residuals
+        found = []
+        for target, t, x in zip(self.targets, r.times[r.seen_at], nodes, strict=True):
+            numbers, signed = distances(target, r.mesh, np.asarray(x))
+            found.append(SeenShape(float(t), r.mesh, x, numbers, signed))
         return tuple(found)
 
 
 @eqx.filter_jit
-def _run(residuals: FlowResiduals, u):
-    return residuals.run(u)
+def _looked(residuals: FlowResiduals, u):
+    """Norm of the residuals, whether there is a solution, and its nodes when it was seen."""
+    run = residuals.run(u)
+    r, aux = residuals.compared(run)
+    return jnp.linalg.norm(r), aux.solved, run.x[residuals.seen_at]

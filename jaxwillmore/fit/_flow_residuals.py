@@ -15,7 +15,8 @@ from ._descend import Aux
 from ._distance import Surface, signed_distance
 from ._parameters import AbstractRange
 from ._results import RESULTS
-from ._shape_residuals import NOWHERE, Observed
+from ._shape_residuals import NOWHERE
+from ._targets import Observed
 
 Build = Callable[[dict[str, Array]], AbstractFlow]
 
@@ -55,7 +56,10 @@ class FlowResiduals(eqx.Module):
         return replay(flow, self.mesh, self.x0, self.times, stepper=self.stepper)
 
     def __call__(self, u: Float[Array, " unknowns"]) -> tuple[Float[Array, " rows"], Aux]:
-        run = self.run(u)
+        return self.compared(self.run(u))
+
+    def compared(self, run: Trajectory) -> tuple[Float[Array, " rows"], Aux]:
+        """The distances of a run from the observations."""
         rows = []
         for k, seen in enumerate(self.observed):
             model = Surface(self.mesh.cells, run.x[self.seen_at[k]])

@@ -1,6 +1,5 @@
 """The misfit along one parameter while all other unknowns follow."""
 
-import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Float
@@ -27,19 +26,13 @@ def profile(
     rest = np.delete(np.arange(J.shape[1]), k)
     follow = -np.linalg.lstsq(J[:, rest], J[:, k], rcond=1e-8)[0]
     best = np.asarray(fit.u)
-    misfit = eqx.filter_jit(_misfit)
-    least = float(misfit(fit.residuals, fit.u)[0])
+    least = fit.misfit(fit.u)[0]
     found = []
     for value in np.asarray(values, float):
         change = ranges[k].unknown(float(value)) - best[k]
         u = best.copy()
         u[k] += change
         u[rest] += follow * change
-        size, solved = misfit(fit.residuals, jnp.asarray(u))
-        found.append(float(size) / max(least, 1e-300) if bool(solved) else np.nan)
+        size, solved = fit.misfit(jnp.asarray(u))
+        found.append(size / max(least, 1e-300) if solved else np.nan)
     return np.array(found)
-
-
-def _misfit(residuals, u):
-    r, aux = residuals(u)
-    return jnp.linalg.norm(r), aux.solved

@@ -19,8 +19,9 @@ from ._force_balance import KAPPA_IS_INVISIBLE
 from ._identify import Identification
 from ._pose import Pose
 from ._results import RESULTS
-from ._shape_residuals import ShapeResiduals, Target
-from ._statistics import laplace, patches_of
+from ._shape_residuals import ShapeResiduals
+from ._statistics import laplace
+from ._targets import Target
 from ._unknowns import SHAPE_NAMES, spoken
 
 # What an equilibrium has besides its spontaneous curvature.
@@ -89,6 +90,11 @@ class ShapeFit:
         """Whether the distance is least at parameters that the data determine."""
         return bool(self.result == RESULTS.converged)
 
+    def misfit(self, u: Float[Array, " unknowns"]) -> tuple[float, bool]:
+        """Norm of the residuals for other unknowns, and whether the models exist."""
+        size, solved = _misfit(self.residuals, u)
+        return float(size), bool(solved)
+
     def in_words(self) -> tuple[str, ...]:
         """What these shapes do not tell, one sentence each."""
         meanings = {label: spoken(label) for label in self.identification.names}
@@ -134,6 +140,12 @@ def pose_numbers(pose: Pose) -> dict[str, list]:
 def pose_of(numbers: Mapping[str, Any]) -> Pose:
     """The inverse of `pose_numbers`."""
     return Pose(*(jnp.asarray(numbers[k], float) for k in ("axes", "origin", "size")))
+
+
+@eqx.filter_jit
+def _misfit(residuals: ShapeResiduals, u):
+    r, aux = residuals(u)
+    return jnp.linalg.norm(r), aux.solved
 
 
 @eqx.filter_jit
@@ -185,34 +197,20 @@ def matched(
 def statistics(targets, residuals: ShapeResiduals, descent: Descent, noise, rank_tolerance):
     """Laplace's intervals, and those that allow for residuals which depend on each other."""
     unknowns, u = residuals.unknowns, descent.u
-    sides = 2 if residuals.both_ways else 1
-    variance = None if noise is None else float((noise / residuals.unit) ** 2)
+    misfit = residuals.misfit
+    variance = None if noise is None else misfit.variance(noise, targets)
     arguments = {
         "names": unknowns.labels,
         "values": np.asarray(unknowns.free(u)),
         "slopes": np.asarray(unknowns.slopes(u)),
-        "count": sides * sum(t.count for t in targets),
-        "variance": variance,
+        "count": misfit.count(targets),
+        "variance": None if variance is None else variance / float(residuals.unit) ** 2,
         "rank_tolerance": rank_tolerance,
     }
     r, J = descent.residuals, descent.jacobian
     found = laplace(r, J, **arguments)
-    return found, laplace(r, J, **arguments, patches=_patches(targets, residuals, u))
-
-
-def _patches(targets, residuals: ShapeResiduals, u) -> np.ndarray:
-    """A patch for every row; patches of different targets differ."""
-    rows, used = [], 0
-    for k, target in enumerate(targets):
-        points = np.asarray(target.points)
-        own = patches_of(points)
-        rows.append(own + used)
-        if residuals.both_ways:
-            x = np.asarray(residuals.shape(u, k)[2])
-            nearest = np.argmin(np.linalg.norm(x[:, None] - points[None], axis=-1), axis=1)
-            rows.append(own[nearest] + used)
-        used += own.max() + 1
-    return np.concatenate(rows)
+    models = [np.asarray(residuals.shape(u, k)[2]) for k in range(len(targets))]
+    return found, laplace(r, J, **arguments, patches=misfit.patches(targets, models))
 
 
 def _errors(residuals, descent, robust: Identification, k: int, slopes) -> dict[str, float]:
