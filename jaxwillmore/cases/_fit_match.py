@@ -2,6 +2,8 @@
 
 from typing import Any
 
+import numpy as np
+
 from .. import fit as fits
 from ..io import RunFolder, write_npz
 from ._fit_case import FitTask
@@ -91,6 +93,11 @@ def _draw(folder: RunFolder, targets, found: fits.ShapeFit) -> None:
 
 def _coarse_words(found: fits.ShapeFit, by_mesh: dict[str, float]) -> list[str]:
     """Of parameters that the mesh moves by more than the errors of the data do."""
+    if not np.all(np.isfinite(list(by_mesh.values()))):
+        return [
+            "How far the mesh of the model moves the parameters is not known: a coarser one has no "
+            "such equilibrium. Compare with a larger `level`."
+        ]
     errors = found.robust.standard_errors
     return [
         f"The mesh of the model alone may move {label} by {error:.2g}, more than its standard "
