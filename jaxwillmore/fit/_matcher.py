@@ -27,6 +27,8 @@ MAX_STAGES = 15
 # starts at one and rarely falls: the first few steps are short in directions that hardly show.
 COARSE, FINE = 0.03, 1e-3
 COARSE_STEPS = 8
+# A new reference with moments of inertia that differ by this part belongs to another shape.
+SAME_SHAPE = 0.1
 # How far a start that is not of the wanted kind is taken back in reduced volume.
 BACK, MOST_BACK, LEAST_VOLUME = 0.04, 5, 0.4
 
@@ -159,7 +161,8 @@ class Matcher:
             found, _, _ = self.residuals.shape(u, k)
             p = {name: float(v) for name, v in self.layout.parameters(u, k).items()}
             shape = self._equilibrium(model.equilibrium.mesh, found.x, p, k)
-            if not shape.succeeded:
+            # An unstable shape may have run away to another one, far from the target.
+            if not shape.succeeded or _apart(shape.mesh, found.x, shape.x) > SAME_SHAPE:
                 return False
             models.append(Model(bare(shape), model.pose.moved(self.layout.motion(u, k))))
         self.residuals = eqx.tree_at(lambda r: r.models, self.residuals, tuple(models))
@@ -195,6 +198,12 @@ class Matcher:
             parameters.append({name: float(value) for name, value in p.items()})
             poses.append(pose_numbers(model.pose.moved(self.layout.motion(u, k))))
         return MatchIterate(tuple(parameters), tuple(poses))
+
+
+def _apart(mesh, one, other) -> float:
+    """Largest relative difference of the principal moments of inertia."""
+    a, b = (np.linalg.eigvalsh(np.asarray(inertia_tensor(mesh, x))) for x in (one, other))
+    return float(np.max(np.abs(a / b - 1)))
 
 
 def _kind_of(shape: Equilibrium) -> str:
