@@ -18,15 +18,16 @@ from ._error import CaseError as CaseError
 from ._examples import (
     example_names as example_names,
     example_path as example_path,
+    fit_example_names as fit_example_names,
     is_example as is_example,
 )
 from ._fit import FitRun as FitRun, run_fit as run_fit
-from ._fit_case import (
+from ._fit_case import FitTask as FitTask, load_fit as load_fit
+from ._fit_sections import (
     FitCase as FitCase,
-    FitTask as FitTask,
+    FlowModelCase as FlowModelCase,
     ModelCase as ModelCase,
     TargetCase as TargetCase,
-    load_fit as load_fit,
 )
 from ._load import load_case as load_case
 from ._run import CaseRun as CaseRun, run_case as run_case

@@ -147,6 +147,9 @@ def _misplaced(section: str, key: str) -> CaseError | None:
 def _unknown_section(name: str, table: object) -> CaseError:
     if not isinstance(table, Mapping) and (home := _misplaced("", name)):
         return CaseError(f"the key `{name}` stands before any section; {home.problem[13:]}")
+    if name == "target":
+        problem = "belongs to the case of a fit: `jaxwillmore fit` reads it."
+        return CaseError(problem, section=name)
     known = [section for section in SECTIONS if "." not in section]
     hint = suggestion(name, known)
     problem = f"unknown section.{hint} Known sections: {', '.join(known)}."

@@ -1,6 +1,7 @@
 """What a key of a case may hold: the check, and the words for it."""
 
 import dataclasses
+import itertools
 import math
 import numbers
 from collections.abc import Callable
@@ -81,6 +82,21 @@ def numbers_like(default: tuple[float, ...]) -> Rule:
         return tuple(_number(entry) for entry in value)
 
     return Rule(f"a list of {len(default)} finite numbers", convert)
+
+
+def rising(meaning: str, count: int | None = None) -> Rule:
+    """A list of rising finite numbers; `count` of them, or any number but none."""
+
+    def convert(value):
+        if not isinstance(value, list | tuple):
+            raise TypeError
+        many = tuple(_number(entry) for entry in value)
+        wrong_count = not many if count is None else len(many) != count
+        if wrong_count or any(a >= b for a, b in itertools.pairwise(many)):
+            raise ValueError
+        return many
+
+    return Rule(f"a list of {'' if count is None else f'{count} '}rising numbers", convert, meaning)
 
 
 def choice(meaning: str, *words: str) -> Rule:

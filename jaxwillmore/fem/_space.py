@@ -8,7 +8,7 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from ..mesh import SurfaceMesh
-from ..reference import lagrange_basis, lagrange_gradients, quadrature
+from ..reference import lagrange_basis, lagrange_gradients, quadrature, subdivided
 
 
 class Rule(eqx.Module):
@@ -22,23 +22,27 @@ class Rule(eqx.Module):
 
 
 @ft.cache
-def _tables(degree: int, quadrature_degree: int) -> tuple[np.ndarray, np.ndarray]:
+def _tables(degree: int, quadrature_degree: int, fine: bool) -> tuple[np.ndarray, np.ndarray]:
     rule = quadrature(quadrature_degree)
+    rule = subdivided(rule) if fine else rule
     values = lagrange_basis(degree, rule.points)[..., None]
     return np.asarray(rule.weights), np.concatenate(
         [values, lagrange_gradients(degree, rule.points)], axis=-1
     )
 
 
-def rule_for(mesh: SurfaceMesh, quadrature_degree: int | None = None) -> Rule:
+def rule_for(
+    mesh: SurfaceMesh, quadrature_degree: int | None = None, *, fine: bool = False
+) -> Rule:
     """Tabulated basis of `mesh` at a quadrature rule.
 
     The default exactness is `2 degree`, the lowest that keeps the order of a mixed weak form with
-    degree-`k` fields; energies and error norms ask for more.
+    degree-`k` fields; energies and error norms ask for more. A `fine` rule is that on the quarters
+    of each cell.
     """
     if quadrature_degree is None:
         quadrature_degree = 2 * mesh.degree
-    weights, phi = _tables(mesh.degree, quadrature_degree)
+    weights, phi = _tables(mesh.degree, quadrature_degree, fine)
     return Rule(jnp.asarray(weights), jnp.asarray(phi))
 
 

@@ -2,11 +2,13 @@
 
 from ._closest import closest as closest
 from ._distance import Surface as Surface, signed_distance as signed_distance
-from ._flow import FlowFit as FlowFit, fit_flow as fit_flow
+from ._flow import fit_flow as fit_flow
+from ._flow_fit import FlowFit as FlowFit, SeenShape as SeenShape
 from ._force_balance import ForceBalance as ForceBalance, force_balance as force_balance
 from ._identify import Identification as Identification, identify as identify
 from ._likelihood import log_likelihood as log_likelihood
 from ._match import match_shapes as match_shapes
+from ._mesh_error import mesh_errors as mesh_errors
 from ._parameters import (
     AbstractRange as AbstractRange,
     Between as Between,

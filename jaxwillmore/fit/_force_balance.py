@@ -131,7 +131,7 @@ def _slope(sheet: _Sheet, factors, u) -> Float[Array, " nodes"]:
 
 
 def force_balance(
-    surfaces: Sequence[tuple[SurfaceMesh, Float[Array | np.ndarray, "nodes 3"]]],
+    surfaces: Sequence[tuple[SurfaceMesh, Float[Array | np.ndarray, "_ 3"]]],
     *,
     known: Mapping[str, float] | None = None,
     shared: Sequence[str] = ("spontaneous_curvature",),

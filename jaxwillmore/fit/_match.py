@@ -2,47 +2,27 @@ r"""Shape matching: parameters of equilibria that lie as near as possible to obs
 
 import time
 from collections.abc import Callable, Mapping, Sequence
-from typing import Any
 
-import equinox as eqx
-import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
 from .._interrupts import catch_interrupts
-from ..equilibria import Equilibrium, equilibrium, spheroid
 from ..mesh import SurfaceMesh
 from ..surface import reduced_volume
-from ._closest import closest
-from ._descend import Descent, Iterate, descend
-from ._pose import Pose, aligned
+from ._descend import Descent
+from ._matcher import Matcher
+from ._misfit import AbstractMisfit, Harmonics, Points
 from ._results import RESULTS, message, name_of
-from ._shape_fit import MatchIterate, ShapeFit, matched, pose_numbers, pose_of
-from ._shape_residuals import (
-    Model,
-    ShapeResiduals,
-    Target,
-    bare,
-    node_weights,
-    target,
-)
-from ._targets import checked_surface
-from ._unknowns import SHAPE_NAMES, Unknowns, unknowns
+from ._shape_fit import MatchIterate, ShapeFit, matched
+from ._targets import Target, checked_surface, target
+from ._unknowns import SHAPE_NAMES, unknowns
 
-# A stage on one frozen reference ends when the model has moved this far from it, in R0; the last
-# stage is repeated on a new reference unless the model moved less than the second number.
-STRAIN_LIMIT, SETTLED_STRAIN = 0.08, 0.02
-MAX_STAGES = 15
-# Distance in R0 that counts as one. It weighs residuals against the damping of a descent, which
-# starts at one and rarely falls: the first few steps are short in directions that hardly show.
-COARSE, FINE = 0.03, 1e-3
-COARSE_STEPS = 8
 # A mean distance of this part of R0 is no fit at all.
 HOPELESS = 0.4
 
 
 def match_shapes(
-    targets: Sequence[tuple[SurfaceMesh | np.ndarray, Float[Array | np.ndarray, "nodes 3"]]],
+    targets: Sequence[tuple[SurfaceMesh | np.ndarray, Float[Array | np.ndarray, "_ 3"]]],
     *,
     free: Sequence[str] = ("reduced_volume", "spontaneous_curvature"),
     shared: Sequence[str] = ("spontaneous_curvature",),
@@ -50,6 +30,8 @@ def match_shapes(
     kind: str = "prolate",
     bounds: Mapping[str, tuple[float, float]] | None = None,
     level: int = 2,
+    distance: str = "points",
+    max_degree: int = 12,
     both_ways: bool = False,
     new_references: bool = True,
     noise: float | None = None,
@@ -65,8 +47,9 @@ def match_shapes(
     The model is a stationary shape of $\int b_b (H - H_0)^2$ of held area, in units of its own
     $R_0$ and κ; rotation, translation and size are fitted along. The distance is that of the
     target's nodes to the model, by Levenberg–Marquardt with exact derivatives: implicit through
-    the equilibrium, by the envelope theorem through the closest points. The reference surface of
-    the equilibrium stays frozen within a stage and is made anew between stages.
+    the equilibrium, by the envelope theorem through the closest points. For a star-shaped target
+    the differences of the harmonics of its radius may take the place of distances. The reference
+    surface of the equilibrium stays frozen within a stage and is made anew between stages.
 
     **Arguments:**
 
@@ -80,8 +63,11 @@ def match_shapes(
     - `kind`: `"prolate"` or `"oblate"`, the family of shapes to start in.
     - `bounds`: other bounds than (0.25, 0.997) for the reduced volume and (-10, 10) for $H_0R_0$.
     - `level`: refinement of the model: 162, 642, 2,562 nodes for 1, 2, 3.
+    - `distance`: `"points"`, or `"harmonics"`: spherical harmonics of the radius about the centre
+      of the target's volume, which are smooth and see no single points.
+    - `max_degree`: the largest degree of these harmonics.
     - `both_ways`: also count the distance of the model's nodes to the target, which keeps the model
-      from reaching beyond a target with gaps.
+      from reaching beyond a target with gaps; for `"points"` only.
     - `new_references`: `False` keeps the first reference, for data made on that one.
     - `noise`: standard deviation of independent normal errors of the target's nodes, in its units;
       left out, it is taken from the residuals.
@@ -92,7 +78,8 @@ def match_shapes(
     - `observer`: called with a row of numbers and the iterate after every accepted step.
 
     **Raises:** `ValueError` for targets that are open, turned inside out, of another genus, not
-    finite, empty or collapsed, and for names or values that make no sense; `RuntimeError`.
+    finite, empty or collapsed, for harmonics not star-shaped, and for names or values that make no
+    sense; `RuntimeError`.
 
     *Limits:* κ itself is not a parameter, nor can it be. Shapes in self-contact are not modelled.
     The distance to a rough target is not smooth; the fit then ends as `stalled` or with few digits.
@@ -108,12 +95,13 @@ def match_shapes(
         raise ValueError("`targets` is empty; give at least one pair (mesh, x).")
     if tolerance <= 0 or max_steps < 1:
         raise ValueError("`tolerance` must be positive and `max_steps` at least 1.")
+    misfit = _misfit(distance, max_degree, both_ways)
     values = _start_values(seen, free, {} if start is None else start, resume)
     layout = unknowns(free, shared, {} if bounds is None else bounds, values)
     u = layout.start(values)
-    matcher = _Matcher(seen, layout, tolerance, max_steps, observer)
+    matcher = Matcher(seen, layout, misfit, tolerance, max_steps, observer)
     with catch_interrupts() as interrupted:
-        matcher.begin(values, kind, level, both_ways, resume)
+        matcher.begin(values, kind, level, resume)
         descent = matcher.run(u, new_references, interrupted)
     fit = _finished(matcher, descent, noise, rank_tolerance, began)
     if throw and not fit.succeeded:
@@ -129,6 +117,18 @@ def _checked(mesh, x) -> Target:
             "`force_balance` takes any genus."
         )
     return target(mesh, x)
+
+
+def _misfit(distance: str, max_degree: int, both_ways: bool) -> AbstractMisfit:
+    if distance == "points":
+        return Points(both_ways)
+    if distance != "harmonics":
+        raise ValueError(f'`distance` must be "points" or "harmonics"; got {distance!r}.')
+    if both_ways:
+        raise ValueError('`both_ways` is for distance = "points"; harmonics see both surfaces.')
+    if not 2 <= max_degree <= 30:
+        raise ValueError(f"`max_degree` must be from 2 to 30; got {max_degree}.")
+    return Harmonics(max_degree)
 
 
 def _start_values(targets, free, start, resume) -> list[dict[str, float]]:
@@ -159,156 +159,7 @@ def _start_values(targets, free, start, resume) -> list[dict[str, float]]:
     ]
 
 
-class _Matcher:
-    """The loop over stages: models on frozen references, a descent, new references."""
-
-    def __init__(
-        self, targets: tuple[Target, ...], layout: Unknowns, tolerance, max_steps, observer
-    ):
-        self.targets, self.layout = targets, layout
-        self.tolerance, self.max_steps, self.observer = tolerance, max_steps, observer
-        self.by_pressure = any("pressure" in label for label in layout.labels)
-        self.radius = float(np.mean([float(t.radius) for t in targets]))
-        self.sizes = jnp.asarray([float(t.radius) / self.radius for t in targets])
-        self.history: list[dict[str, float]] = []
-        self.steps = self.stages = 0
-        self.resolution = COARSE
-
-    def begin(self, values, kind: str, level: int, both_ways: bool, resume) -> None:
-        """Models at the start values, laid along the principal axes of their targets."""
-        models = []
-        for k, (t, p) in enumerate(zip(self.targets, values, strict=True)):
-            mesh, x = spheroid(min(p["reduced_volume"], 0.99), kind, level)
-            shape = self._equilibrium(mesh, x, p, k)
-            pose = _best_pose(shape, t) if resume is None else pose_of(resume.poses[k])
-            models.append(Model(bare(shape), pose))
-        count = sum(t.count for t in self.targets)
-        self.residuals = ShapeResiduals(
-            tuple(models),
-            tuple(t.observed for t in self.targets),
-            self.layout,
-            self.sizes,
-            jnp.asarray(self.radius * COARSE * np.sqrt(count)),
-            both_ways,
-        )
-
-    def _equilibrium(self, mesh, x, p, k: int) -> Equilibrium:
-        name = "pressure" if self.by_pressure else "reduced_volume"
-        held: dict[str, Any] = {"area": 4 * np.pi, name: p[name]}
-        return equilibrium(
-            mesh,
-            x,
-            spontaneous_curvature=p["spontaneous_curvature"] * float(self.sizes[k]),
-            stability=False,
-            throw=False,
-            **held,
-        )
-
-    def run(self, u, new_references: bool, interrupted: Callable[[], bool]) -> Descent:
-        """Descend, stage by stage, until one ends near its own reference."""
-        while True:
-            self.stages += 1
-            coarse = self.resolution == COARSE
-            left = self.max_steps - self.steps
-            descent = descend(
-                self.residuals,
-                u,
-                tolerance=self.tolerance,
-                max_steps=min(COARSE_STEPS, left) if coarse else left,
-                strain_limit=STRAIN_LIMIT if new_references else np.inf,
-                observer=self._seen,
-                interrupted=interrupted,
-            )
-            self.steps += descent.steps
-            result, u = descent.result, descent.u
-            done = result is not None and bool(result == RESULTS.converged)
-            if result is not None and not done and not (coarse and _may_go_on(result)):
-                return descent
-            finer = coarse and result is not None
-            if new_references and descent.strain > SETTLED_STRAIN:
-                if self.stages >= MAX_STAGES or not self._new_references(u):
-                    end = RESULTS.interrupted if interrupted() else RESULTS.stalled
-                    return descent._replace(result=end)
-                u = self._still(u)
-            elif done and not finer:
-                return descent
-            if finer:
-                self._refine()
-
-    def _refine(self) -> None:
-        factor = FINE / self.resolution
-        self.resolution = FINE
-        unit = self.residuals.unit * factor
-        self.residuals = eqx.tree_at(lambda r: r.unit, self.residuals, unit)
-
-    def _new_references(self, u) -> bool:
-        """Models on references that belong to their shapes; whether they could be made."""
-        models = []
-        for k, model in enumerate(self.residuals.models):
-            found, _, _ = self.residuals.shape(u, k)
-            p = {name: float(v) for name, v in self.layout.parameters(u, k).items()}
-            shape = self._equilibrium(model.equilibrium.mesh, found.x, p, k)
-            if not shape.succeeded:
-                return False
-            models.append(Model(bare(shape), model.pose.moved(self.layout.motion(u, k))))
-        self.residuals = eqx.tree_at(lambda r: r.models, self.residuals, tuple(models))
-        return True
-
-    def _still(self, u):
-        """The same parameters without motion, which the poses have taken up."""
-        n = len(self.layout.labels)
-        return jnp.concatenate([u[:n], jnp.zeros(len(u) - n)])
-
-    def _seen(self, iterate: Iterate) -> None:
-        row = {
-            "step": float(len(self.history)),
-            "stage": float(self.stages),
-            "rms": self.rms(iterate.objective),
-            "strain": iterate.strain,
-        }
-        free = np.asarray(self.layout.free(iterate.u))
-        row |= {label: float(v) for label, v in zip(self.layout.labels, free, strict=True)}
-        self.history.append(row)
-        if self.observer is not None:
-            self.observer(row, self.iterate(iterate.u))
-
-    def rms(self, objective: float) -> float:
-        """Root mean square distance over the mean area radius, from the objective."""
-        sides = 2 if self.residuals.both_ways else 1
-        return float(np.sqrt(2 * objective / sides) * self.resolution)
-
-    def iterate(self, u) -> MatchIterate:
-        """Parameters and places of all models."""
-        parameters, poses = [], []
-        for k, model in enumerate(self.residuals.models):
-            p = self.layout.parameters(u, k)
-            parameters.append({name: float(value) for name, value in p.items()})
-            poses.append(pose_numbers(model.pose.moved(self.layout.motion(u, k))))
-        return MatchIterate(tuple(parameters), tuple(poses))
-
-
-def _may_go_on(result: RESULTS) -> bool:
-    """Whether an end of the first steps is no end of the fit."""
-    return bool(result == RESULTS.step_limit) or bool(result == RESULTS.stalled)
-
-
-def _best_pose(shape: Equilibrium, t: Target) -> Pose:
-    """The nearest of the frames that lay principal axes along each other."""
-    x, points = np.asarray(shape.x), np.asarray(t.x)
-    weights = np.asarray(node_weights(shape.mesh, shape.x))
-    own = np.asarray(node_weights(t.mesh, t.x))
-    cells = np.asarray(shape.mesh.cells)
-
-    def distance(pose: Pose) -> float:
-        nodes = np.asarray(pose.place(jnp.asarray(x), jnp.zeros(7)))
-        cell, basis = closest(cells, nodes, points)
-        gap = points - np.einsum("pj,pjd->pd", basis[..., 0], nodes[cells[cell]])
-        return float(np.sum(own[:, None] * gap**2))
-
-    return min(aligned(x, weights, points, own, float(t.radius)), key=distance)
-
-
-def _finished(matcher: _Matcher, descent: Descent, noise, rank_tolerance, began) -> ShapeFit:
+def _finished(matcher: Matcher, descent: Descent, noise, rank_tolerance, began) -> ShapeFit:
     layout, u = matcher.layout, descent.u
     result = RESULTS.stalled if descent.result is None else descent.result
     lost = not descent.solved

@@ -19,8 +19,9 @@ from ._force_balance import KAPPA_IS_INVISIBLE
 from ._identify import Identification
 from ._pose import Pose
 from ._results import RESULTS
-from ._shape_residuals import ShapeResiduals, Target
-from ._statistics import laplace, patches_of
+from ._shape_residuals import ShapeResiduals
+from ._statistics import laplace
+from ._targets import Target
 from ._unknowns import SHAPE_NAMES, spoken
 
 # What an equilibrium has besides its spontaneous curvature.
@@ -89,6 +90,11 @@ class ShapeFit:
         """Whether the distance is least at parameters that the data determine."""
         return bool(self.result == RESULTS.converged)
 
+    def misfit(self, u: Float[Array, " unknowns"]) -> tuple[float, bool]:
+        """Norm of the residuals for other unknowns, and whether the models exist."""
+        size, solved = _misfit(self.residuals, u)
+        return float(size), bool(solved)
+
     def in_words(self) -> tuple[str, ...]:
         """What these shapes do not tell, one sentence each."""
         meanings = {label: spoken(label) for label in self.identification.names}
@@ -137,6 +143,12 @@ def pose_of(numbers: Mapping[str, Any]) -> Pose:
 
 
 @eqx.filter_jit
+def _misfit(residuals: ShapeResiduals, u):
+    r, aux = residuals(u)
+    return jnp.linalg.norm(r), aux.solved
+
+
+@eqx.filter_jit
 def _multipliers(residuals: ShapeResiduals, u, k: int):
     """Tension, pressure, reduced volume of one model, their derivatives, and its nodes."""
 
@@ -177,42 +189,28 @@ def matched(
         p |= {"spontaneous_curvature": H0, "radius": radius}
         errors = _errors(residuals, descent, robust, k, np.asarray(slopes))
         mesh = residuals.models[k].equilibrium.mesh
-        distances, signed = _distances(target, mesh, np.asarray(x))
-        shapes.append(MatchedShape(mesh, x, p, errors, distances, signed))
+        numbers, signed = distances(target, mesh, np.asarray(x))
+        shapes.append(MatchedShape(mesh, x, p, errors, numbers, signed))
     return tuple(shapes), found, robust
 
 
 def statistics(targets, residuals: ShapeResiduals, descent: Descent, noise, rank_tolerance):
     """Laplace's intervals, and those that allow for residuals which depend on each other."""
     unknowns, u = residuals.unknowns, descent.u
-    sides = 2 if residuals.both_ways else 1
-    variance = None if noise is None else float((noise / residuals.unit) ** 2)
+    misfit = residuals.misfit
+    variance = None if noise is None else misfit.variance(noise, targets)
     arguments = {
         "names": unknowns.labels,
         "values": np.asarray(unknowns.free(u)),
         "slopes": np.asarray(unknowns.slopes(u)),
-        "count": sides * sum(t.count for t in targets),
-        "variance": variance,
+        "count": misfit.count(targets),
+        "variance": None if variance is None else variance / float(residuals.unit) ** 2,
         "rank_tolerance": rank_tolerance,
     }
     r, J = descent.residuals, descent.jacobian
     found = laplace(r, J, **arguments)
-    return found, laplace(r, J, **arguments, patches=_patches(targets, residuals, u))
-
-
-def _patches(targets, residuals: ShapeResiduals, u) -> np.ndarray:
-    """A patch for every row; patches of different targets differ."""
-    rows, used = [], 0
-    for k, target in enumerate(targets):
-        points = np.asarray(target.points)
-        own = patches_of(points)
-        rows.append(own + used)
-        if residuals.both_ways:
-            x = np.asarray(residuals.shape(u, k)[2])
-            nearest = np.argmin(np.linalg.norm(x[:, None] - points[None], axis=-1), axis=1)
-            rows.append(own[nearest] + used)
-        used += own.max() + 1
-    return np.concatenate(rows)
+    models = [np.asarray(residuals.shape(u, k)[2]) for k in range(len(targets))]
+    return found, laplace(r, J, **arguments, patches=misfit.patches(targets, models))
 
 
 def _errors(residuals, descent, robust: Identification, k: int, slopes) -> dict[str, float]:
@@ -228,7 +226,10 @@ def _errors(residuals, descent, robust: Identification, k: int, slopes) -> dict[
     return dict(zip(FOLLOWING, map(float, spread), strict=True)) | {"spontaneous_curvature": of_H0}
 
 
-def _distances(target: Target, mesh: SurfaceMesh, x: np.ndarray):
+def distances(
+    target: Target, mesh: SurfaceMesh, x: Float[np.ndarray, "nodes 3"]
+) -> tuple[dict[str, float], Float[np.ndarray, " points"]]:
+    """Numbers for the distances between a target and a model, and that of every node."""
     points, cells = np.asarray(target.x), np.asarray(mesh.cells)
     signed = _signed(cells, x, points)
     back = _signed(np.asarray(target.mesh.cells), points, x)

@@ -1,11 +1,19 @@
-"""Target surfaces: what a fit accepts as data, and why it refuses the rest."""
+"""Target surfaces: what a fit accepts as data, why it refuses the rest, and where it looks."""
 
+import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
+from ..fem import Rule, gather, rule_for
 from ..mesh import SurfaceMesh, check_surface
-from ..surface import volume
+from ..surface import area_radius, centroid, volume
+from ._distance import Surface
+
+# Arrays are padded to multiples of this, so that targets of similar size share compiled functions.
+PADDING = 512
+# Degree of exactness of the points on curved triangles: six of them.
+SAMPLING = 4
 
 
 def checked_surface(
@@ -59,3 +67,95 @@ def _closed(triangles, points) -> SurfaceMesh:
         raise ValueError(f"A target needs triangles of shape (cells, 3); got {triangles.shape}.")
     check_surface(points, triangles, self_intersections=False).raise_if_bad()
     return SurfaceMesh(triangles, 1, len(points))
+
+
+class Target(eqx.Module):
+    r"""An observed surface.
+
+    **Attributes:**
+
+    - `mesh`, `x`: the surface.
+    - `padded`: the same with repeated cells and nodes.
+    - `points`, `weights`: where its distance to a model is taken, padded with weight zero. The
+      nodes of a triangulation, with weight one: each is an observation. Of curved triangles, points
+      inside of them with their part of the area, of mean one.
+    - `radius`: $R_0 = \sqrt{|\Gamma|/4\pi}$.
+    - `centre`: its centre of area.
+    """
+
+    mesh: SurfaceMesh
+    x: Float[Array, "nodes 3"]
+    padded: Surface
+    points: Float[Array, "points 3"]
+    weights: Float[Array, " points"]
+    radius: Float[Array, ""]
+    centre: Float[Array, "3"]
+
+    @property
+    def count(self) -> int:
+        """Number of points that are no padding."""
+        return int(np.count_nonzero(np.asarray(self.weights)))
+
+    @property
+    def observed(self) -> "Observed":
+        """What residuals need of it."""
+        return Observed(self.padded, self.points, self.weights)
+
+
+class Observed(eqx.Module):
+    """Arrays of a target, without its mesh: shapes of similar targets agree."""
+
+    surface: Surface
+    points: Float[Array, "points 3"]
+    weights: Float[Array, " points"]
+
+
+def target(mesh: SurfaceMesh, x: Float[Array, "nodes 3"]) -> Target:
+    """Prepare a checked surface."""
+    points, weights = (x, jnp.ones(len(x))) if mesh.degree == 1 else _samples(mesh, x)
+    padded = _padded(np.asarray(points))
+    weights = np.concatenate([np.asarray(weights), np.zeros(len(padded) - len(points))])
+    surface = Surface(
+        jnp.asarray(_padded(np.asarray(mesh.cells))), jnp.asarray(_padded(np.asarray(x)))
+    )
+    return Target(
+        mesh,
+        x,
+        surface,
+        jnp.asarray(padded),
+        jnp.asarray(weights),
+        area_radius(mesh, x),
+        centroid(mesh, x),
+    )
+
+
+def _samples(mesh: SurfaceMesh, x):
+    """Quadrature points of curved triangles, and the area that belongs to each, of mean one.
+
+    Nodes of one surface tend to sit near nodes of another, where elements have kinks and a distance
+    has no derivative.
+    """
+    rule = rule_for(mesh, SAMPLING)
+    positions, normals = _frames(mesh, x, rule)
+    weights = rule.weights[None] * jnp.linalg.norm(normals, axis=-1)
+    return positions.reshape(-1, 3), (weights / jnp.mean(weights)).reshape(-1)
+
+
+def _frames(mesh: SurfaceMesh, x, rule: Rule):
+    """Positions and area-weighted normals at the points of all cells."""
+    J = jnp.einsum("qji,tjd->tqid", rule.phi, gather(mesh, x))
+    return J[:, :, 0], jnp.cross(J[:, :, 1], J[:, :, 2])
+
+
+def sides(
+    mesh: SurfaceMesh, x: Float[Array, "nodes 3"], rule: Rule
+) -> tuple[Float[np.ndarray, "points 3"], Float[np.ndarray, "points 3"]]:
+    """Points of the surface and unit normals there."""
+    positions, normals = _frames(mesh, x, rule)
+    normals = normals / jnp.linalg.norm(normals, axis=-1, keepdims=True)
+    return np.asarray(positions).reshape(-1, 3), np.asarray(normals).reshape(-1, 3)
+
+
+def _padded(array: np.ndarray) -> np.ndarray:
+    missing = -len(array) % PADDING
+    return np.concatenate([array, np.repeat(array[-1:], missing, axis=0)])

@@ -18,6 +18,7 @@ from ._vtu import write_vtu
 _NAME = re.compile(r"[A-Za-z0-9_][A-Za-z0-9._-]{0,63}")
 _OURS = ("frames/frame_*.vtu", "run.pvd", "history.csv", "final.*", "summary.json")
 _OURS += ("shapes/shape_*.npz", "branch.csv", "branch.png")
+_OURS += ("iterate.json", "final_*.npz", "overlay_*.png", "residual_*.png", "profile.png")
 _OURS += ("case.toml", "history.png", "checkpoint.npz", "checkpoint_previous.npz")
 
 

@@ -6,4 +6,8 @@ from ._lagrange import (
     lagrange_nodes as lagrange_nodes,
     n_local_nodes as n_local_nodes,
 )
-from ._quadrature import Quadrature as Quadrature, quadrature as quadrature
+from ._quadrature import (
+    Quadrature as Quadrature,
+    quadrature as quadrature,
+    subdivided as subdivided,
+)

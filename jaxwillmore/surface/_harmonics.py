@@ -4,7 +4,7 @@ import math
 
 import equinox as eqx
 import jax.numpy as jnp
-from jaxtyping import Array, Float
+from jaxtyping import Array, Bool, Float
 
 from ..fem import integrate
 from ..mesh import SurfaceMesh
@@ -67,6 +67,19 @@ def harmonic_coefficients(
     it is not star-shaped. Give another `centre`.
     """
     centre = body_centroid(mesh, x) if centre is None else centre
+    c, star_shaped = radial_coefficients(mesh, x, max_degree, centre)
+    return eqx.error_if(
+        c,
+        ~star_shaped,
+        "The surface is not star-shaped about `centre`, so it has no radius. Give a `centre` from "
+        "which the whole surface is seen.",
+    )
+
+
+def radial_coefficients(
+    mesh: SurfaceMesh, x: Float[Array, "nodes 3"], max_degree: int, centre: Float[Array, "3"]
+) -> tuple[Float[Array, " harmonics"], Bool[Array, ""]]:
+    """As `harmonic_coefficients`, and whether they mean anything: whether it is star-shaped."""
 
     def density(point, _):
         r = point.position - centre
@@ -75,13 +88,10 @@ def harmonic_coefficients(
         c = real_harmonics(max_degree, r / length) * outward / length**2
         return jnp.append(c, jnp.where(outward > 0, 0.0, 1.0))
 
-    found = integrate(mesh, x, density, quadrature_degree=10)
-    return eqx.error_if(
-        found[:-1],
-        found[-1] > 0,
-        "The surface is not star-shaped about `centre`, so it has no radius. Give a `centre` from "
-        "which the whole surface is seen.",
-    )
+    # On 80 cells of a prolate of axes 1 : 2 the plain rule of degree 10 gives l = 12 an error of
+    # 3 % of the radius; quarters of the cells leave 1e-4.
+    found = integrate(mesh, x, density, quadrature_degree=10, fine=True)
+    return found[:-1], found[-1] == 0
 
 
 def harmonic_power(c: Float[Array, " harmonics"]) -> Float[Array, " degrees"]:

@@ -7,7 +7,16 @@ import signal
 import numpy as np
 import pytest
 
-from jaxwillmore.cases import CaseError, load_fit, run_fit
+from jaxwillmore.cases import (
+    CaseError,
+    example_names,
+    example_path,
+    fit_example_names,
+    is_example,
+    load_case,
+    load_fit,
+    run_fit,
+)
 from jaxwillmore.cli import main
 from jaxwillmore.equilibria import equilibrium
 from jaxwillmore.io import write_npz
@@ -40,17 +49,33 @@ def test_a_case_is_complete_and_reads_back_the_same(tmp_path):
     [
         ({}, r"\[target\] file: is missing"),
         ({"target": {"file": 3}}, "text in quotes"),
-        ({"target": {"file": "a"}, "flow": {}}, "unknown section"),
+        ({"target": {"file": "a"}, "time": {}}, "unknown section"),
         ({"target": {"file": "a", "scale": 1}}, "unknown key"),
         ({"target": {"file": "a"}, "fit": {"free": ["bending_modulus"]}}, "a list of"),
-        ({"target": {"file": "a"}, "fit": {"reduced_volume_bounds": [0.9, 0.5]}}, "two rising"),
+        ({"target": {"file": "a"}, "fit": {"reduced_volume_bounds": [0.9, 0.5]}}, "2 rising"),
         ({"target": {"file": "a"}, "model": {"level": 9}}, "whole number from 1 to 5"),
         ({"target": {"file": "a"}, "model": 3}, "must be a table"),
+        ({"target": {"file": "a"}, "fit": {"distance": "angles"}}, '"points", "harmonics"'),
+        ({"target": {"file": "a"}, "fit": {"max_degree": 1}}, "whole number from 2 to 30"),
     ],
 )
 def test_what_makes_no_sense_is_refused(tables, message):
     with pytest.raises(CaseError, match=message):
         load_fit(tables)
+
+
+@pytest.mark.parametrize("name", fit_example_names())
+def test_examples_are_valid_fits_and_no_flows(name):
+    task = load_fit(f"example:{name}")
+    assert load_fit(task.to_toml()) == task
+    assert all(example_path(file).is_file() for file in task.target.file if is_example(file))
+    assert name not in example_names()
+    with pytest.raises(CaseError, match="`jaxwillmore fit` reads it"):
+        load_case(f"example:{name}")
+
+
+def test_there_is_an_example():
+    assert fit_example_names() and example_names()
 
 
 @pytest.fixture

@@ -5,7 +5,7 @@ from math import factorial
 import numpy as np
 import pytest
 
-from jaxwillmore.reference import quadrature
+from jaxwillmore.reference import quadrature, subdivided
 
 DEGREES = range(1, 11)
 
@@ -62,3 +62,15 @@ def test_numbers_of_points_are_those_of_the_source():
 def test_other_degrees_are_refused(degree):
     with pytest.raises(ValueError, match="must be 1, 2, ..., 10"):
         quadrature(degree)
+
+
+def test_quarters_keep_the_degree_and_lower_the_error_beyond():
+    """The error of degree k + 1 falls by at least 2^(k + 1) / 4 on quarters of half the size."""
+    rule = quadrature(4)
+    fine = subdivided(rule)
+    assert len(fine.weights) == 4 * len(rule.weights)
+    assert np.all(fine.points > 0) and np.all(fine.points.sum(axis=1) < 1)
+    for lower in range(5):
+        assert max(errors_of_monomials(fine, lower)) < 1e-15
+    beyond = max(errors_of_monomials(rule, 5)), max(errors_of_monomials(fine, 5))
+    assert beyond[1] < beyond[0] / 8

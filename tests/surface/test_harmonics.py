@@ -7,7 +7,7 @@ import jax.random as jr
 import numpy as np
 import pytest
 
-from jaxwillmore.mesh import from_sphere_map, icosphere, torus
+from jaxwillmore.mesh import ellipsoid, from_sphere_map, icosphere, refine, torus
 from jaxwillmore.surface import harmonic_coefficients, harmonic_power, real_harmonics
 from jaxwillmore.verify import rough_sphere
 
@@ -67,6 +67,14 @@ def test_nodes_do_not_matter_but_for_the_error_of_the_mesh():
     mesh, n = rough_sphere(2, 2)
     rough = coefficients(mesh, n * jax.vmap(radius)(n)[:, None], ORIGIN)
     np.testing.assert_allclose(rough, C, atol=2e-3)
+
+
+def test_high_degrees_are_integrated_on_large_cells():
+    """Cells of the same surface cut into quarters: only the quadrature differs."""
+    mesh, x = ellipsoid((0.8, 0.8, 1.6), level=1, degree=2)
+    whole = harmonic_coefficients(mesh, x, 12, centre=ORIGIN)
+    cut = harmonic_coefficients(*refine(mesh, x), 12, centre=ORIGIN)
+    np.testing.assert_allclose(whole, cut, atol=1e-3)  # 3e-2 without quarters
 
 
 def test_power_is_invariant_under_rotation_and_shift():

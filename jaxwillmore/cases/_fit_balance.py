@@ -1,0 +1,58 @@
+"""Force balance as a case asks for it."""
+
+from typing import Any
+
+from .. import fit as fits
+from ..equilibria import smoothed
+from ..io import RunFolder, write_npz
+from ..mesh import raise_degree
+from ..plot import surface_picture
+from ._error import CaseError
+from ._fit_case import FitTask
+from ._fit_pictures import warned_only
+from ._fit_summary import ending, identification
+
+
+def balance(task: FitTask, targets, folder: RunFolder, resume: bool, progress) -> dict[str, Any]:
+    """Find parameters by forces alone; the summary."""
+    del progress  # one linear solve
+    if resume:
+        raise CaseError('a fit by "force-balance" has no steps to resume.', section="fit")
+    surfaces = [(m, x) if m.degree > 1 else _lifted(m, x) for m, x in targets]
+    known = {} if "spontaneous_curvature" in task.fit.free else {"spontaneous_curvature": 0.0}
+    if known and task.model.spontaneous_curvature != 0.0:
+        problem = 'a held value other than 0 is for method = "match".'
+        raise CaseError(problem, section="model", key="spontaneous_curvature")
+    shared = [name for name in task.fit.shared if name != "reduced_volume"]
+    found = fits.force_balance(surfaces, known=known, shared=shared, noise=task.fit.noise)
+    for k, ((mesh, x), field) in enumerate(zip(surfaces, found.residuals, strict=True)):
+        write_npz(folder.file(f"final_{k}.npz"), mesh, x, {"residual": field})
+        if task.fit.picture:
+            _draw(folder, k, mesh, x, field, found.unexplained)
+    told = found.identification.identifiable
+    return {
+        **ending(fits.RESULTS.converged if all(told.values()) else fits.RESULTS.not_identifiable),
+        "parameters": list(found.parameters),
+        "unexplained": found.unexplained,
+        **identification(found.identification),
+        "in_words": list(found.in_words()),
+    }
+
+
+def _lifted(mesh, x):
+    """Triangles raised to degree 2, without their facets."""
+    mesh, x = raise_degree(mesh, x, 2)
+    return mesh, smoothed(mesh, x)
+
+
+def _draw(folder: RunFolder, k: int, mesh, x, field, unexplained: float) -> None:
+    with warned_only():
+        surface_picture(
+            folder.file(f"residual_{k}.png"),
+            mesh,
+            x,
+            field,
+            field_name="displacement",
+            caption=f"force that no parameters explain: {100 * unexplained:.3g} %",
+            edges=False,
+        )

@@ -1,0 +1,186 @@
+r"""What counts as the difference of two surfaces: distances of points, or of harmonics."""
+
+import abc
+import math
+from collections.abc import Sequence
+from typing import Any
+
+import equinox as eqx
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Bool, Float, Int
+
+from ..fem import load, rule_for
+from ..mesh import SurfaceMesh
+from ..surface import body_centroid
+from ..surface._harmonics import radial_coefficients
+from ._distance import Surface, signed_distance
+from ._statistics import patches_of
+from ._targets import Target, sides
+
+
+class AbstractMisfit(eqx.Module):
+    """Rows of differences between models and targets, and their statistics.
+
+    The mean square of a distance is the sum of the squares of all rows over `mass`.
+    """
+
+    @abc.abstractmethod
+    def observe(self, target: Target) -> eqx.Module:
+        """What `rows` needs of a target.
+
+        **Raises:** `ValueError` for a target that this misfit does not understand.
+        """
+
+    @abc.abstractmethod
+    def rows(
+        self,
+        seen: Any,
+        mesh: SurfaceMesh,
+        reference: Float[Array, "nodes 3"],
+        x: Float[Array, "nodes 3"],
+    ) -> tuple[Float[Array, " rows"], Bool[Array, ""]]:
+        """Differences of a model from what was observed, and whether they mean anything.
+
+        **Arguments:**
+
+        - `seen`: what `observe` gave.
+        - `reference`: nodes that give weights to the nodes `x` of the model; held fixed.
+        """
+
+    @abc.abstractmethod
+    def shared(self, seen: Any) -> int:
+        """Number of leading rows that mean the same for models on all meshes."""
+
+    @abc.abstractmethod
+    def mass(self, targets: Sequence[Target]) -> float:
+        """Sum of squares of all rows over the mean square distance."""
+
+    @abc.abstractmethod
+    def count(self, targets: Sequence[Target]) -> int:
+        """Number of rows that are no padding."""
+
+    @abc.abstractmethod
+    def variance(self, noise: float, targets: Sequence[Target]) -> float:
+        """Variance of a row when the nodes of the targets have independent errors `noise`."""
+
+    @abc.abstractmethod
+    def patches(
+        self, targets: Sequence[Target], models: Sequence[Float[np.ndarray, "_ 3"]]
+    ) -> Int[np.ndarray, " rows"]:
+        """A number for every row; rows of different patches are independent."""
+
+
+class Points(AbstractMisfit):
+    """Signed distances of the points of a target to the model.
+
+    **Attributes:**
+
+    - `both_ways`: also from the nodes of the model to the target; both ways count the same.
+    """
+
+    both_ways: bool = eqx.field(static=True)
+
+    @property
+    def sides(self) -> int:
+        """One way, or both."""
+        return 2 if self.both_ways else 1
+
+    def observe(self, target):
+        return target.observed
+
+    def rows(self, seen, mesh, reference, x):
+        own = [jnp.sqrt(seen.weights) * signed_distance(Surface(mesh.cells, x), seen.points)]
+        if self.both_ways:
+            # The part of the area of each node.
+            weights = node_weights(mesh, reference) * jnp.sum(seen.weights)
+            own.append(-jnp.sqrt(weights) * signed_distance(seen.surface, x))
+        return jnp.concatenate(own), jnp.ones((), bool)
+
+    def shared(self, seen):
+        return len(seen.points)
+
+    def mass(self, targets):
+        return float(self.count(targets))
+
+    def count(self, targets):
+        return self.sides * sum(t.count for t in targets)
+
+    def variance(self, noise, targets):
+        return noise**2
+
+    def patches(self, targets, models):
+        rows, used = [], 0
+        for target, x in zip(targets, models, strict=True):
+            points = np.asarray(target.points)
+            own = patches_of(points)
+            rows.append(own + used)
+            if self.both_ways:
+                nearest = np.argmin(np.linalg.norm(x[:, None] - points[None], axis=-1), axis=1)
+                rows.append(own[nearest] + used)
+            used += own.max() + 1
+        return np.concatenate(rows)
+
+
+class ObservedRadius(eqx.Module):
+    """The radius of a star-shaped target about its centre, as harmonics."""
+
+    coefficients: Float[Array, " harmonics"]
+    centre: Float[Array, "3"]
+
+
+class Harmonics(AbstractMisfit):
+    r"""Differences of the harmonic coefficients of the radius about the centre of the target.
+
+    By Parseval's identity their squares sum to $\int_{S^2}(r_{model} - r_{target})^2$, but for
+    what lies above `max_degree`. Smooth in everything, and of the order of the surfaces
+    themselves: the error of an integral, not that of single points. Parts that are far from the
+    centre, or seen at a slant, count by the angle that they fill.
+    """
+
+    max_degree: int = eqx.field(static=True)
+
+    def observe(self, target):
+        centre = body_centroid(target.mesh, target.x)
+        c, star_shaped = _coefficients(target.mesh, target.x, self.max_degree, centre)
+        if not bool(star_shaped):
+            positions, normals = sides(target.mesh, target.x, rule_for(target.mesh, 10, fine=True))
+            r = positions - np.asarray(centre)
+            outward = np.sum(r * normals, axis=1) / np.linalg.norm(r, axis=1)
+            worst = positions[np.argmin(outward)]
+            here, there = (", ".join(f"{a:.4g}" for a in point) for point in (centre, worst))
+            raise ValueError(
+                f"A target is not star-shaped: from its centre ({here}) the surface is not seen "
+                f"from inside near ({there}). Harmonics of a radius do not describe it; use "
+                'distance="points".'
+            )
+        return ObservedRadius(c, centre)
+
+    def rows(self, seen, mesh, reference, x):
+        c, star_shaped = radial_coefficients(mesh, x, self.max_degree, seen.centre)
+        return seen.coefficients - c, star_shaped
+
+    def shared(self, seen):
+        return len(seen.coefficients)
+
+    def mass(self, targets):
+        return 4 * math.pi * len(targets)
+
+    def count(self, targets):
+        return len(targets) * (self.max_degree + 1) ** 2
+
+    def variance(self, noise, targets):
+        # A coefficient sums N radii, each with the angle 4π/N, against a harmonic of norm one.
+        return noise**2 * 4 * math.pi * len(targets) / sum(t.count for t in targets)
+
+    def patches(self, targets, models):
+        return np.arange(self.count(targets))
+
+
+_coefficients = eqx.filter_jit(radial_coefficients)
+
+
+def node_weights(mesh: SurfaceMesh, x: Float[Array, "nodes 3"]) -> Float[Array, " nodes"]:
+    """Part of the area that belongs to each node, positive and of sum one."""
+    weights = load(mesh, x, lambda _, __, phi, ___: phi**2)
+    return weights / jnp.sum(weights)
