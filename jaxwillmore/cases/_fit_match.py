@@ -53,8 +53,7 @@ def match(task: FitTask, targets, folder: RunFolder, resume: bool, progress) -> 
     )
     for k, shape in enumerate(found.shapes):
         write_npz(folder.file(f"final_{k}.npz"), shape.mesh, shape.x)
-    # Whoever interrupts a fit waits for it; it draws when it has been resumed.
-    if fit.picture and found.shapes and not bool(found.result == fits.RESULTS.interrupted):
+    if fit.picture and found.shapes:
         _draw(folder, targets, found)
     return _summary(found)
 

@@ -155,13 +155,13 @@ def test_an_interrupted_fit_ends_with_130_keeps_its_iterate_and_resumes(oblate, 
 
 @pytest.mark.slow
 def test_a_fit_interrupted_before_its_first_step_says_so(oblate, monkeypatch):
-    from jaxwillmore.fit import _match
+    from jaxwillmore.fit import _matcher
 
     def interrupted_equilibrium(*arguments, **options):
         os.kill(os.getpid(), signal.SIGTERM)
         return equilibrium(*arguments, **options)
 
-    monkeypatch.setattr(_match, "equilibrium", interrupted_equilibrium)
+    monkeypatch.setattr(_matcher, "equilibrium", interrupted_equilibrium)
     run = run_fit(load_fit(CASE.replace("cell.npz", str(oblate / "cell.npz"))), oblate / "out")
     assert run.summary["status"] == "interrupted" and not run.succeeded
     assert run.summary["shapes"] == []
