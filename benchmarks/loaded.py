@@ -53,7 +53,7 @@ def problems(full: bool) -> list:
     ]
     more = [
         loaded_sphere_problem(tension, 0.5, 0.5, 1.0, "H0, tension"),
-        loaded_sphere_problem(osmotic + tension, 0.3, 0.5, -0.5, "H0 < 0, tension, osmotic"),
+        loaded_sphere_problem(osmotic + tension, 0.05, 0.5, -0.5, "H0 < 0, tension, osmotic"),
     ]
     return few + more if full else few
 

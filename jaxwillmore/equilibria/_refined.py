@@ -49,17 +49,17 @@ def refined(
     # The path parameter of a branch is not one here.
     g = equilibrium.unknowns[-N_GLOBALS:].at[PATH].set(0.0)
     y = prolongate(coarse, equilibrium.Y * units.length / units.kappa)
-    found, outer = settle(relaxation, system, y, g), 0
+    found = settle(relaxation, system, y, g)
     if found is None:
-        *found, result, outer = relax(relaxation, X, target, max_outer, None)
+        system, solved, result, outer = relax(relaxation, X, target, max_outer, None)
     else:
-        result = RESULTS.converged
+        (system, solved), result, outer = found, RESULTS.converged, 0
     stats = {
         "outer_steps": outer,
         "newton_iterations": relaxation.iterations,
         "seconds": time.perf_counter() - started,
     }
-    eq = finished(*found, result, units, stability, linear_solver, stats)
+    eq = finished(system, solved, result, units, stability, linear_solver, stats)
     if throw and not eq.succeeded:
         raise RuntimeError(f"No equilibrium ({name_of(result)}): {message(result)}")
     return eq

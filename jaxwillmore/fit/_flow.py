@@ -174,7 +174,7 @@ class _Fitter:
         if self.schedule.failed is not None:
             rows = sum(len(seen.points) for seen in self.residuals.observed)
             nothing = np.zeros(rows), np.zeros((rows, len(u)))
-            return Descent(u, *nothing, 0.0, self.schedule.failed, 0)
+            return Descent(u, *nothing, 0.0, self.schedule.failed, 0, solved=False)
         while True:
             descent = descend(
                 self.residuals,
