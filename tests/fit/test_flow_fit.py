@@ -5,7 +5,8 @@ import numpy as np
 import pytest
 
 from jaxwillmore.evolve import evolve
-from jaxwillmore.fit import Between, fit_flow, name_of
+from jaxwillmore.fit import RESULTS, Between, _flow, fit_flow, name_of
+from jaxwillmore.fit._flow_residuals import Schedule
 from jaxwillmore.flows import WillmoreFlow
 from jaxwillmore.mesh import ellipsoid
 
@@ -57,3 +58,14 @@ def test_a_start_out_of_range_is_refused():
             start={"bending_modulus": 3.0},
             ranges={"bending_modulus": Between(1.0, 2.0)},
         )
+
+
+def test_a_start_whose_run_breaks_off_ends_by_name(monkeypatch):
+    """Without a schedule there is no model: no parameters are told, and no success."""
+    broken = lambda *arguments: Schedule((1,), np.array([0.0, 0.1]), RESULTS.model_failed)
+    monkeypatch.setattr(_flow, "schedule", broken)
+    start = {"bending_modulus": 1.0}
+    fit = fit_flow(build, MESH, X, [0.1], [(MESH, X)], start=start, throw=False)
+    assert name_of(fit.result) == "model_failed" and not fit.succeeded
+    assert np.isnan(fit.rms) and fit.parameters == start
+    assert fit.identification.identifiable == {"bending_modulus": False}
