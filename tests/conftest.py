@@ -1,6 +1,7 @@
 """What every test runs under: float64, no silent promotion of ranks or dtypes, no windows."""
 
 import os
+import signal
 
 import jax
 
@@ -12,3 +13,6 @@ jax.config.update("jax_numpy_dtype_promotion", "strict")
 os.environ.setdefault("VTK_DEFAULT_OPENGL_WINDOW", "vtkEGLRenderWindow")
 os.environ.setdefault("PYVISTA_OFF_SCREEN", "true")
 os.environ.setdefault("MPLBACKEND", "Agg")
+
+# A shell that starts the tests in the background lets them ignore Ctrl-C; a terminal does not.
+signal.signal(signal.SIGINT, signal.default_int_handler)

@@ -254,6 +254,7 @@ def test_curved_cells_out_of_order_are_found_44(tmp_path):
         read_surface(tmp_path / "off.npz")
 
 
+@pytest.mark.slow
 def test_a_first_step_that_is_far_too_large_is_taken_back_50():
     x = X * jnp.asarray([[1.0, 1.0, 1.6]])
     solution = evolve(FLOW, MESH, x, t1=1e3, dt0=1e3, max_steps=2, throw=False)

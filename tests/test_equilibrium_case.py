@@ -67,6 +67,7 @@ def test_the_summary_of_an_equilibrium_says_what_the_shape_says(vesicle):
     assert summary["health"] == []
 
 
+@pytest.mark.slow
 def test_osmosis_replaces_a_held_volume(vesicle, tmp_path):
     """The solute that balances the multiplier at v = 0.8 gives v = 0.8."""
     _, held, _ = vesicle
@@ -200,6 +201,7 @@ def test_an_interrupted_branch_keeps_its_points_and_events(tmp_path, monkeypatch
     assert (run.folder / "branch.png").is_file() and (run.folder / "final.png").is_file()
 
 
+@pytest.mark.slow
 def test_a_branch_interrupted_before_its_first_point_has_none(tmp_path):
     case = case_of("branch", branch=BRANCH, output={"picture": True})
     run = run_branch(case, tmp_path / "out", progress=interrupt_at("step", 1))

@@ -87,6 +87,7 @@ def test_the_summary_of_a_flow_has_the_keys_of_all_commands(loaded):
     assert summary["health"] == []
 
 
+@pytest.mark.slow
 def test_a_ramp_takes_the_volume_to_its_number_and_stays(tmp_path, sizes):
     _, V0 = sizes
     case = case_of(

@@ -96,6 +96,7 @@ def test_states_are_saved_where_asked(solution):
         assert energy[2] - 1e-4 < energy[1] < energy[0] + 1e-4
 
 
+@pytest.mark.slow
 def test_a_replay_has_the_states_of_the_run(solution):
     """The run is solved to 1e-8 and the replay to 1e-11."""
     solution, seen, _ = solution

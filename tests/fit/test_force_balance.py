@@ -103,6 +103,7 @@ def test_surfaces_share_what_is_theirs_together():
     assert len(same.identification.names) == 4
 
 
+@pytest.mark.slow
 def test_intervals_are_as_wide_as_small_noise_makes_them():
     """The covariance is that of the derivative by the nodes; 40 draws give it to 25 %."""
     mesh, x = oblate()

@@ -41,6 +41,7 @@ def test_the_scale_of_the_energy_adds_the_sizes_of_its_terms(ellipsoid):
     assert float(loaded.energy(mesh, x)) < 0 < float(flow.energy(mesh, x))
 
 
+@pytest.mark.slow
 def test_a_constant_in_the_energy_does_not_end_a_run():
     """At a held volume a pressure adds −PV to the energy and does nothing.
 

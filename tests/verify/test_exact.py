@@ -69,6 +69,7 @@ def test_the_velocity_of_the_law(surface, point, expected):
     assert found == pytest.approx(expected, rel=1e-5, abs=1e-10)
 
 
+@pytest.mark.slow
 def test_the_clifford_torus_and_its_spontaneous_curvature():
     p = jnp.asarray([[1 + np.sqrt(0.5), 0.0, 0.0], [0.0, 1.0, np.sqrt(0.5)]])
     np.testing.assert_allclose(willmore_velocity(Torus(1.0, np.sqrt(0.5)), p), 0.0, atol=1e-9)

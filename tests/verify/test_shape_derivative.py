@@ -27,6 +27,7 @@ def exact(bumpy):
 
 
 # 1. The exact side.
+@pytest.mark.slow
 def test_quadrature_of_the_exact_surface_is_spectral(bumpy):
     """Area and volume do not change when half of the points go."""
 
@@ -45,6 +46,7 @@ def _map_of(surface):
 
 
 @pytest.mark.parametrize("name, b, H0", [("Willmore", 0.5, 0.0), ("Canham-Helfrich", 0.6, 0.7)])
+@pytest.mark.slow
 def test_the_weak_formula_equals_the_strong_one(bumpy, exact, name, b, H0):
     """∫ g V + q·∇V = −∫ (law of the flow) V: integration by parts, to rounding."""
     p, w = bumpy.points()
