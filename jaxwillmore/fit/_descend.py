@@ -13,6 +13,9 @@ from ._results import RESULTS
 
 # Rejected steps in a row after which no step is expected to help.
 PATIENCE = 12
+# Times that the damping is taken back where steps got short before the residuals were stationary:
+# kinks in the distance raise it, and it would come down too late for a direction that hardly shows.
+FRESH_STARTS = 4
 # Part of the residuals that a linear change of the unknowns may still explain at a minimum, and
 # where rounding or kinks in the distance let no step lower it further.
 STATIONARY, NEARLY_STATIONARY = 1e-5, 1e-3
@@ -92,7 +95,7 @@ def descend(
     """
     solver = optx.LevenbergMarquardt(rtol=tolerance, atol=tolerance)
     state = _init(solver, residuals, u)
-    result, taken, accepted = RESULTS.step_limit, 0, u
+    result, taken, accepted, starts = RESULTS.step_limit, 0, u, 0
     for taken in range(max_steps + 1):
         accepted, state, _ = _step(solver, residuals, accepted, state)
         r = np.asarray(state.f_info.residual)
@@ -105,8 +108,8 @@ def descend(
         waited = int(state.num_steps_since_acceptance)
         if observer is not None and waited == 0:
             observer(Iterate(accepted, 0.5 * float(r @ r), float(state.aux.strain)))
-        flat = waited == 0 and explained(r, np.asarray(_dense(state.f_info.jac))) < STATIONARY
-        if flat or bool(state.terminate):
+        part = explained(r, np.asarray(_dense(state.f_info.jac))) if waited == 0 else np.inf
+        if part < STATIONARY:
             result = RESULTS.converged
             break
         if interrupted():
@@ -115,7 +118,13 @@ def descend(
         if waited == 0 and float(state.aux.strain) > strain_limit:
             result = None
             break
-        if waited >= PATIENCE or not np.all(np.isfinite(np.asarray(state.y_eval))):
+        short = bool(state.terminate) or waited >= PATIENCE
+        if short and waited == 0 and part >= NEARLY_STATIONARY and starts < FRESH_STARTS:
+            state, starts = _init(solver, residuals, accepted), starts + 1
+        elif bool(state.terminate):
+            result = RESULTS.converged
+            break
+        elif short or not np.all(np.isfinite(np.asarray(state.y_eval))):
             result = RESULTS.stalled
             break
     r, J = np.asarray(state.f_info.residual), np.asarray(_dense(state.f_info.jac))
