@@ -114,39 +114,33 @@ class _Entry:
         return bool(np.linalg.norm(defect) <= max(10 * rtol * b, floor))
 
 
-class _Stalled(Exception):
-    """GMRES has used up its iterations."""
-
-
 def _gmres(matrix, preconditioner, rhs: np.ndarray, rtol: float, iterations: list[float]):
-    """Solution and 0, or anything and 1 after `MAX_ITERATIONS`; residual norms are appended.
+    """Solution and 0, or the best that there is and 1; residual norms are appended.
 
     A cycle ends early when the *preconditioned* residual is small; whether the true one is small is
-    seen only then, and the next cycle aims lower. Many short cycles are normal on fine meshes, so
-    their number is not limited, only that of all iterations together.
+    seen only then, and the next cycle goes on. Many short cycles are normal on fine meshes, so that
+    their number is not limited, only that of all iterations together. The last iterate is kept even
+    when it misses the tolerance: rounding may let no better one be had.
     """
-    allowed = len(iterations) + MAX_ITERATIONS
-
-    def count(norm: float) -> None:
-        iterations.append(norm)
-        if len(iterations) >= allowed:
-            raise _Stalled
-
-    try:
+    allowed, x = len(iterations) + MAX_ITERATIONS, None
+    for _ in range(MAX_CYCLES):
         x, info = gmres(
             matrix,
             rhs,
+            x0=x,
             rtol=rtol,
             atol=0.0,
             restart=MAX_ITERATIONS // 2,
-            maxiter=MAX_CYCLES,
+            maxiter=1,
             M=preconditioner,
-            callback=count,
+            callback=iterations.append,
             callback_type="pr_norm",
         )
-    except _Stalled:
-        return rhs, 1
-    return x, info
+        if info == 0:
+            return x, 0
+        if len(iterations) >= allowed:
+            break
+    return x, 1
 
 
 class Host:

@@ -50,7 +50,7 @@ class Sensitivity(NamedTuple):
     steps: dict[str, float]
 
 
-def sensitivity_rows(study: Sensitivity, halvings: int = 4) -> list[Row]:
+def sensitivity_rows(study: Sensitivity, halvings: int = 6) -> list[Row]:
     r"""One row per pair of output and parameter.
 
     Columns: `map`, `output`, `parameter`, the `derivative` $f'$, the relative difference `modes`
@@ -233,7 +233,7 @@ def equilibrium_sensitivity(shape: Equilibrium, *, held: bool = True) -> Sensiti
         flags = lambda s: (s.fixed_area, s.fixed_volume)
         shape = eqx.tree_at(flags, shape, (False, False))
     if shape.fixed_area:
-        at, steps = at | {"area": p.area}, steps | {"area": 0.02 * float(p.area)}
+        at, steps = at | {"area": p.area}, steps | {"area": 0.02 * soft**2 * float(p.area)}
     else:
         at, steps = at | {"sigma": p.tension}, steps | {"sigma": 0.002 * sigma}
     if shape.fixed_volume:
