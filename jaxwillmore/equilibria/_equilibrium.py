@@ -172,15 +172,22 @@ def equilibrium(
     relaxation = Relaxation(mesh, flags, tolerance, linear_solver)
     now = area_and_volume(mesh, relaxation.rule, x0)[0]
     X = units.inward(x0) * jnp.sqrt(target.area / now)
-    system, solved, result, outer = relax(
-        relaxation, X, units.parameters(target), max_outer, observer
-    )
+    ended = relax(relaxation, X, units.parameters(target), max_outer, observer)
+    return concluded(relaxation, ended, units, stability, throw, started)
+
+
+def concluded(relaxation: Relaxation, ended, units: Units, stability: bool, throw: bool, started):
+    """The equilibrium that a search `(system, solved, result, outer steps)` ended at.
+
+    **Raises:** `RuntimeError` with `throw`, unless it converged.
+    """
+    system, solved, result, outer = ended
     stats = {
         "outer_steps": outer,
         "newton_iterations": relaxation.iterations,
         "seconds": time.perf_counter() - started,
     }
-    eq = finished(system, solved, result, units, stability, linear_solver, stats)
+    eq = finished(system, solved, result, units, stability, relaxation.linear_solver, stats)
     if throw and not eq.succeeded:
         raise RuntimeError(f"No equilibrium ({name_of(result)}): {message(result)}")
     return eq

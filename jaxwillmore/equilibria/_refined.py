@@ -3,10 +3,10 @@
 import time
 
 from ..mesh import prolongate, refine
-from ._equilibrium import Relaxation, relax, settle
+from ._equilibrium import Relaxation, concluded, relax, settle
 from ._functional import N_GLOBALS, PATH
-from ._results import RESULTS, message, name_of
-from ._shape import Equilibrium, finished
+from ._results import RESULTS
+from ._shape import Equilibrium
 
 
 def refined(
@@ -51,15 +51,7 @@ def refined(
     y = prolongate(coarse, equilibrium.Y * units.length / units.kappa)
     found = settle(relaxation, system, y, g)
     if found is None:
-        system, solved, result, outer = relax(relaxation, X, target, max_outer, None)
+        ended = relax(relaxation, X, target, max_outer, None)
     else:
-        (system, solved), result, outer = found, RESULTS.converged, 0
-    stats = {
-        "outer_steps": outer,
-        "newton_iterations": relaxation.iterations,
-        "seconds": time.perf_counter() - started,
-    }
-    eq = finished(system, solved, result, units, stability, linear_solver, stats)
-    if throw and not eq.succeeded:
-        raise RuntimeError(f"No equilibrium ({name_of(result)}): {message(result)}")
-    return eq
+        ended = *found, RESULTS.converged, 0
+    return concluded(relaxation, ended, units, stability, throw, started)
