@@ -291,7 +291,7 @@ def stop(x=X, flow=FLOW, **keywords):
 STOPS = {
     "step_limit": {"max_steps": 2},
     "stationary": {"stationary_tolerance": 1e3},
-    "not_finite": {"flow": WillmoreFlow(1e307)},
+    "not_finite": {"flow": WillmoreFlow(1e307), "dt0": 1e-300},
     "element_inverted": {"initial": {"nu": -EXACT["nu"]}},
     # Without the consistency terms a wrong H stays wrong and drives the surface away.
     "energy_rising": {
