@@ -29,7 +29,7 @@ class GaussSeidel:
             mean = sum(data[np.ix_(range(len(data)), copy, copy)] for copy in group) / len(group)
             structure: ColumnStructure = structures(len(group[0]))
             self._lus.append(factorise(structure, mean))
-        # Coupling of a group to the ones solved before it.
+        # Coupling of a group to the ones solved before it, and its transpose where one is asked for.
         columns = [[c for copy in group for c in copy] for group in groups]
         self._columns = columns
         self._lower = {}
@@ -38,6 +38,15 @@ class GaussSeidel:
                 block = data[np.ix_(range(len(data)), columns[i], columns[j])]
                 if np.any(block):
                     self._lower[i, j] = block_matrix(pattern, block)
+        self._upper: dict | None = None
+
+    def _coupling(self, transpose: bool) -> dict:
+        """Blocks by (group that is solved, group solved before it)."""
+        if not transpose:
+            return self._lower
+        if self._upper is None:
+            self._upper = {(j, i): block.T for (i, j), block in self._lower.items()}
+        return self._upper
 
     def _solve_group(self, i, rhs, transpose):
         copies = len(self._groups[i])
@@ -50,15 +59,14 @@ class GaussSeidel:
         """Approximate solution of the (transposed) system for a flat nodal vector."""
         r = vector.reshape(self._n, -1)
         parts = [np.ascontiguousarray(r[:, c]) for c in self._columns]
-        x = [None] * len(parts)
+        x = list(parts)
         order = range(len(parts))
+        coupling = self._coupling(transpose)
         for i in reversed(order) if transpose else order:
             rhs = parts[i]
-            for (a, b), block in self._lower.items():
-                if not transpose and a == i and x[b] is not None:
+            for (a, b), block in coupling.items():
+                if a == i:
                     rhs = rhs - (block @ x[b].reshape(-1)).reshape(rhs.shape)
-                if transpose and b == i and x[a] is not None:
-                    rhs = rhs - (block.T @ x[a].reshape(-1)).reshape(rhs.shape)
             x[i] = self._solve_group(i, rhs, transpose)
         out = np.empty_like(r)
         for c, part in zip(self._columns, x, strict=True):
@@ -75,7 +83,7 @@ class Bordered:
 
     def __init__(self, matrix, columns: np.ndarray, rows: np.ndarray, corner: np.ndarray):
         self._n_globals = len(corner)
-        self._matrix = matrix
+        self._matrix, self._transposed = matrix, None
         size = matrix.shape[0]
         self._B = columns.reshape(self._n_globals, size).T
         self._C = rows.reshape(self._n_globals, size)
@@ -83,7 +91,12 @@ class Bordered:
 
     def times(self, vector: np.ndarray, transpose: bool) -> np.ndarray:
         """The product with the bordered matrix or its transpose."""
-        A = self._matrix.T if transpose else self._matrix
+        A = self._matrix
+        if transpose:
+            # A transposed block matrix is a copy, which costs as much as several products.
+            if self._transposed is None:
+                self._transposed = A.T
+            A = self._transposed
         if self._n_globals == 0:
             return A @ vector
         B, C, D = (self._C.T, self._B.T, self._D.T) if transpose else (self._B, self._C, self._D)
