@@ -65,6 +65,9 @@ def trajectory_row(level: int, n_steps: int, way: str) -> dict:
     began = time.process_time()
     compiled = jax.jit(f).lower(*at).compile()
     compile_seconds = time.process_time() - began
+    if n_steps <= 100:
+        # The first call also analyses the sparsity; beside a thousand steps that does not show.
+        spent(lambda: compiled(*at))
     seconds = spent(lambda: compiled(*at))
     return {
         "nodes": mesh.n_nodes,
