@@ -24,6 +24,9 @@ from ._targets import Target, checked_surface, target
 RESOLUTION = 1e-2
 # A schedule is good for parameters that differ by this much from those it was made with.
 SAME_SCHEDULE = 0.02
+# A parameter whose change by its own size moves the surface by less than this part of R0 is not
+# seen, whatever the residuals are.
+UNSEEN = 1e-6
 MAX_STAGES = 6
 
 
@@ -230,6 +233,8 @@ def _finished(
         count=sum(t.count for t in targets),
         variance=None if noise is None else float((noise / residuals.unit) ** 2),
         rank_tolerance=rank_tolerance,
+        least=UNSEEN / RESOLUTION,
+        by_factors=tuple(isinstance(q, Positive) for q in residuals.ranges),
     )
     if bool(result == RESULTS.converged):
         if any(q.on_bound(v) for q, v in zip(residuals.ranges, values.values(), strict=True)):

@@ -17,6 +17,8 @@ def laplace(
     variance: float | None = None,
     patches: Int[np.ndarray, " rows"] | None = None,
     rank_tolerance: float = 1e-3,
+    least: float = 0.0,
+    by_factors: tuple[bool, ...] = (),
 ) -> Identification:
     r"""Identification of the first unknowns, with the others, the motion, fitted along.
 
@@ -33,6 +35,10 @@ def laplace(
     - `patches`: a number for every row. With them the covariance is the one that holds when
       residuals of the same patch depend on each other (the sandwich of Liang and Zeger), as those
       of a model that is not exactly right do.
+    - `least`: a parameter counts as null if a unit of its unknown changes the residuals by no more:
+      what a single parameter does has nothing to be compared with.
+    - `by_factors`: which unknowns are logarithms. Such a parameter counts as null also if it is
+      uncertain by more than a factor of e.
 
     ??? cite "Reference"
         Liang, Zeger (1986), *Biometrika* 73, 13–22, equation (7) with independent patches.
@@ -44,6 +50,8 @@ def laplace(
     own = own - Q @ (Q.T @ own)
     mean_square = float(residuals @ residuals) / max(count - jacobian.shape[1], 1)
     scale = mean_square if variance is None else variance
+    needed = least + np.sqrt(scale) * np.asarray(by_factors or n * (False,))
+    own = np.where(np.linalg.norm(own, axis=0) * np.abs(slopes) > needed, own, 0.0)
     found = identify(own, names, values, variance=scale, rank_tolerance=rank_tolerance)
     if patches is None or scale == 0.0:
         return found

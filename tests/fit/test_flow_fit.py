@@ -8,7 +8,7 @@ from jaxwillmore.evolve import evolve
 from jaxwillmore.fit import RESULTS, Between, _flow, fit_flow, name_of
 from jaxwillmore.fit._flow_residuals import Schedule
 from jaxwillmore.flows import WillmoreFlow
-from jaxwillmore.mesh import ellipsoid
+from jaxwillmore.mesh import ellipsoid, icosphere
 
 MESH, X = ellipsoid((1.0, 1.2, 1.5), 0, 2)
 TIMES = [0.002, 0.005, 0.01, 0.02, 0.04]
@@ -69,3 +69,13 @@ def test_a_start_whose_run_breaks_off_ends_by_name(monkeypatch):
     assert name_of(fit.result) == "model_failed" and not fit.succeeded
     assert np.isnan(fit.rms) and fit.parameters == start
     assert fit.identification.identifiable == {"bending_modulus": False}
+
+
+@pytest.mark.slow
+def test_a_sphere_at_rest_does_not_tell_its_modulus():
+    """Nothing moves, so that any modulus fits; the one that is found is no finding."""
+    mesh, x = icosphere(0, degree=2)
+    fit = fit_flow(build, mesh, x, [0.01], [(mesh, x)], start={"bending_modulus": 1.0}, throw=False)
+    assert not fit.succeeded
+    assert fit.identification.identifiable == {"bending_modulus": False}
+    assert "bending_modulus is not identifiable from these data." in fit.in_words()
