@@ -21,6 +21,7 @@ from ..evolve import Stepper, replay
 from ..flows import HelfrichFlow, Loaded, WillmoreFlow
 from ..mesh import SurfaceMesh
 from ..surface import (
+    angle_profile,
     area,
     area_radius,
     body_centroid,
@@ -39,6 +40,8 @@ FLOOR = 1e-10
 # A parameter that moves an output by less than this part of what another one does is minor.
 MINOR = 1e-3
 _MAX_HARMONIC = 4
+# Rays of a section askew to every symmetry.
+_ANGLES, _AXIS = jnp.array([0.3, 1.1, 2.4, 3.3, 4.2, 5.8]), (0.3, -0.5, 0.8)
 
 
 class Sensitivity(NamedTuple):
@@ -135,6 +138,7 @@ def shape_outputs(mesh: SurfaceMesh, x: Nodes, points: Float[Array, "points 3"])
         "inertia": weighted(principal_moments(mesh, x)),
         "harmonics": weighted(c),
         "distances": weighted(signed_distance(mesh, x, points)),
+        "profile": weighted(angle_profile(mesh, x, _ANGLES, axis=_AXIS)),
     }
 
 
@@ -208,9 +212,7 @@ def run_sensitivity(
         outputs = shape_outputs(mesh, run.x[-1], points)
         if kind == "held":
             outputs |= {name: run.multipliers[name][-1] for name in ("tension", "pressure")}
-        if kind == "fields":
-            outputs["bending energy"] = flow(p).energy(mesh, run.x[-1])
-        return outputs
+        return outputs | {"energy": flow(p).energy(mesh, run.x[-1])}
 
     return Sensitivity(f"run, {kind}", end, start, largest | {"tau": 6e-5, "shape": 0.01})
 
@@ -261,6 +263,8 @@ def equilibrium_sensitivity(shape: Equilibrium, *, held: bool = True) -> Sensiti
             outputs["tension"] = again.tension
         if shape.fixed_volume or constants:
             outputs["pressure"] = again.pressure
+        if constants:
+            outputs["osmotic energy"] = again.global_energy
         return outputs
 
     kind = "held" if shape.fixed_volume else "osmosis" if constants else "loaded"
