@@ -108,7 +108,7 @@ def observed(mesh, x):
     sphere, u = jw.mesh.icosphere(level=3, degree=1)
     turned = np.asarray(u @ fit.rotation(jnp.array([0.3, -0.2, 0.5])).T)
     cells, x = np.asarray(mesh.cells), np.asarray(x)
-    cell, basis = fit.closest(cells, x, turned * np.max(np.abs(x), axis=0))
+    cell, basis = jw.surface.closest(cells, x, turned * np.max(np.abs(x), axis=0))
     frame = np.einsum("pji,pjd->pid", basis, x[cells[cell]])
     normals = np.cross(frame[:, 1], frame[:, 2])
     normals = normals / np.linalg.norm(normals, axis=1)[:, None]

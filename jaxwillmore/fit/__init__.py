@@ -1,7 +1,5 @@
 """Parameters from observed shapes, and what the data can say about them."""
 
-from ._closest import closest as closest
-from ._distance import Surface as Surface, signed_distance as signed_distance
 from ._flow import fit_flow as fit_flow
 from ._flow_fit import FlowFit as FlowFit, SeenShape as SeenShape
 from ._force_balance import ForceBalance as ForceBalance, force_balance as force_balance

@@ -11,8 +11,8 @@ from jaxtyping import Array, Float, Int
 from ..evolve import RESULTS as ENDS, Stepper, Trajectory, evolve, replay
 from ..flows import AbstractFlow
 from ..mesh import SurfaceMesh
+from ..surface._distance import distance_to_cells
 from ._descend import Aux
-from ._distance import Surface, signed_distance
 from ._parameters import AbstractRange
 from ._results import RESULTS
 from ._shape_residuals import NOWHERE
@@ -62,8 +62,8 @@ class FlowResiduals(eqx.Module):
         """The distances of a run from the observations."""
         rows = []
         for k, seen in enumerate(self.observed):
-            model = Surface(self.mesh.cells, run.x[self.seen_at[k]])
-            rows.append(jnp.sqrt(seen.weights) * signed_distance(model, seen.points))
+            d = distance_to_cells(self.mesh.cells, run.x[self.seen_at[k]], seen.points)
+            rows.append(jnp.sqrt(seen.weights) * d)
         r = jnp.concatenate(rows) / self.unit
         good = run.converged & jnp.all(jnp.isfinite(r))
         return jnp.where(good, r, NOWHERE), Aux(good, jnp.zeros(()))

@@ -3,7 +3,7 @@
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
-from ._distance import Surface, signed_distance
+from ..surface._distance import distance_to_cells
 from ._shape_residuals import ShapeResiduals
 
 
@@ -33,7 +33,7 @@ def log_likelihood(
     total = jnp.zeros(())
     for k, points in enumerate(data):
         _, exists, x = model.shape(parameters, k)
-        d = signed_distance(Surface(model.models[k].equilibrium.mesh.cells, x), points)
+        d = distance_to_cells(model.models[k].equilibrium.mesh.cells, x, points)
         own = -jnp.sum(d**2) / (2 * noise**2) - len(points) * jnp.log(noise * jnp.sqrt(2 * jnp.pi))
         total = total + jnp.where(exists, own, -jnp.inf)
     return total

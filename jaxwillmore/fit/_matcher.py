@@ -8,8 +8,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from ..equilibria import Equilibrium, equilibrium, spheroid
-from ..surface import inertia_tensor
-from ._closest import closest
+from ..surface import closest, inertia_tensor
 from ._descend import Descent, Iterate, descend
 from ._misfit import AbstractMisfit, node_weights
 from ._pose import Pose, aligned

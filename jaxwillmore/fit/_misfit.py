@@ -13,8 +13,8 @@ from jaxtyping import Array, Bool, Float, Int
 from ..fem import load, rule_for
 from ..mesh import SurfaceMesh
 from ..surface import body_centroid
+from ..surface._distance import distance_to_cells
 from ..surface._harmonics import radial_coefficients
-from ._distance import Surface, signed_distance
 from ._statistics import patches_of
 from ._targets import Target, sides
 
@@ -90,11 +90,13 @@ class Points(AbstractMisfit):
         return target.observed
 
     def rows(self, seen, mesh, reference, x):
-        own = [jnp.sqrt(seen.weights) * signed_distance(Surface(mesh.cells, x), seen.points)]
+        own = [jnp.sqrt(seen.weights) * distance_to_cells(mesh.cells, x, seen.points)]
         if self.both_ways:
             # The part of the area of each node.
             weights = node_weights(mesh, reference) * jnp.sum(seen.weights)
-            own.append(-jnp.sqrt(weights) * signed_distance(seen.surface, x))
+            own.append(
+                -jnp.sqrt(weights) * distance_to_cells(seen.surface.cells, seen.surface.nodes, x)
+            )
         return jnp.concatenate(own), jnp.ones((), bool)
 
     def shared(self, seen):

@@ -12,8 +12,7 @@ from jaxtyping import Array, Float
 
 from ..fem import l2_norm
 from ..mesh import SurfaceMesh
-from ..surface import area
-from ._closest import closest
+from ..surface import area, closest
 from ._descend import Descent
 from ._force_balance import KAPPA_IS_INVISIBLE
 from ._identify import Identification

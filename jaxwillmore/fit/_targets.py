@@ -3,12 +3,11 @@
 import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Float
+from jaxtyping import Array, Float, Int
 
 from ..fem import Rule, gather, rule_for
 from ..mesh import SurfaceMesh, check_surface
 from ..surface import area_radius, centroid, volume
-from ._distance import Surface
 
 # Arrays are padded to multiples of this, so that targets of similar size share compiled functions.
 PADDING = 512
@@ -67,6 +66,13 @@ def _closed(triangles, points) -> SurfaceMesh:
         raise ValueError(f"A target needs triangles of shape (cells, 3); got {triangles.shape}.")
     check_surface(points, triangles, self_intersections=False).raise_if_bad()
     return SurfaceMesh(triangles, 1, len(points))
+
+
+class Surface(eqx.Module):
+    """Cells and nodes without any check or claim: what a search for closest points needs."""
+
+    cells: Int[Array, "cells local"]
+    nodes: Float[Array, "nodes 3"]
 
 
 class Target(eqx.Module):

@@ -29,7 +29,7 @@ class GaussSeidel:
             mean = sum(data[np.ix_(range(len(data)), copy, copy)] for copy in group) / len(group)
             structure: ColumnStructure = structures(len(group[0]))
             self._lus.append(factorise(structure, mean))
-        # Coupling of a group to the ones solved before it, and its transpose where one is asked for.
+        # Coupling of a group to the ones solved before it; the transpose where one is asked for.
         columns = [[c for copy in group for c in copy] for group in groups]
         self._columns = columns
         self._lower = {}

@@ -12,10 +12,10 @@ import pytest
 from jaxwillmore.energies import CanhamHelfrich
 from jaxwillmore.evolve import evolve, replay
 from jaxwillmore.fem import Jet, integrate
-from jaxwillmore.fit._closest import closest
 from jaxwillmore.flows import HelfrichFlow, MinimalDeformation, WillmoreFlow
 from jaxwillmore.flows._tangential import transport_equation
 from jaxwillmore.mesh import ellipsoid, icosphere
+from jaxwillmore.surface import closest
 
 from .carried_fields import AXES, H0, b, flow_on, on
 

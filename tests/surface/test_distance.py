@@ -10,7 +10,7 @@ from scipy.spatial import KDTree
 
 from jaxwillmore.mesh import ellipsoid, icosphere
 from jaxwillmore.reference import lagrange_basis
-from jaxwillmore.surface import Ellipsoid, signed_distance
+from jaxwillmore.surface import Ellipsoid, closest, signed_distance
 from jaxwillmore.verify import rough_sphere
 
 from ..helpers import observed_order, random_rotation, taylor_remainders
@@ -21,6 +21,8 @@ _N = jr.normal(jr.key(0), (40, 3))
 FEET = jnp.asarray(AXES)[None] * _N / jnp.linalg.norm(_N, axis=1, keepdims=True)
 HEIGHTS = jnp.linspace(-0.4, 0.6, 40)
 POINTS = FEET + HEIGHTS[:, None] * Ellipsoid(AXES).normal(FEET)
+
+ANYWHERE = jr.normal(jr.key(0), (60, 3))
 
 distances = eqx.filter_jit(signed_distance)
 
@@ -33,6 +35,36 @@ def test_points_on_normals_have_their_height_with_order_four():
     ]
     assert observed_order((2.0, 1.0), errors) > 3.3, errors
     assert errors[1] < 1e-3
+
+
+def test_distance_to_a_sphere_converges():
+    """The surface is within O(h⁴) of the sphere for degree 2 (in the mean of its sign)."""
+    errors = []
+    for level in (0, 1, 2):
+        d = distances(*icosphere(level, degree=2), ANYWHERE)
+        errors.append(float(jnp.max(jnp.abs(d - (jnp.linalg.norm(ANYWHERE, axis=1) - 1)))))
+    assert observed_order((4.0, 2.0, 1.0), errors) > 2.8, errors
+
+
+def test_distance_to_flat_triangles_is_exact():
+    """A cube's distance is known: the norm of what sticks out, or the depth below a face."""
+    corners = np.array([[i, j, k] for i in (0, 1) for j in (0, 1) for k in (0, 1)], float)
+    quads = [(0, 1, 3, 2), (4, 6, 7, 5), (0, 4, 5, 1), (2, 3, 7, 6), (0, 2, 6, 4), (1, 5, 7, 3)]
+    cells = np.array([t for a, b, c, d in quads for t in ((a, b, c), (a, c, d))])
+    points = np.asarray(ANYWHERE) * 0.8 + 0.5
+    out = np.maximum(np.maximum(-points, points - 1), 0)
+    inside = np.all(out == 0, axis=1)
+    exact = np.where(
+        inside, np.min(np.minimum(points, 1 - points), axis=1), np.linalg.norm(out, axis=1)
+    )
+    cell, basis = closest(cells, corners, points)
+    at = np.einsum("pj,pjd->pd", basis[..., 0], corners[cells[cell]])
+    np.testing.assert_allclose(np.linalg.norm(points - at, axis=1), exact, atol=1e-12)
+
+
+def test_a_surface_that_is_not_finite_has_no_distance():
+    mesh, x = icosphere(0, degree=2)
+    assert np.all(np.isnan(distances(mesh, jnp.nan * x, ANYWHERE)))
 
 
 @pytest.mark.parametrize("degree", [1, 2])

@@ -68,7 +68,9 @@ def test_sensitivities_of_a_run(kind):
     outputs = {"Willmore energy", "int H^3", "inertia", "harmonics", "distances", "profile"}
     outputs |= {"energy", "tension", "pressure"} if kind == "held" else {"energy"}
     rows = verify.sensitivity_rows(study)
-    assert_derivatives(rows, {"loaded": 11, "held": 13, "fields": 11}[kind] * len(study.at), outputs)
+    assert_derivatives(
+        rows, {"loaded": 11, "held": 13, "fields": 11}[kind] * len(study.at), outputs
+    )
 
 
 def test_an_unknown_kind_of_run_is_refused():

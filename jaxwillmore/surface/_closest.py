@@ -1,6 +1,7 @@
 """Closest points on a curved surface: NumPy, on the host, outside of every derivative."""
 
 import functools as ft
+from typing import NamedTuple
 
 import numpy as np
 from jaxtyping import Float, Int
@@ -16,6 +17,21 @@ AT_EDGE = 1e-9
 CORNERS = np.array([[0.0, 0.0], [1.0, 0.0], [0.0, 1.0]])
 
 
+class Feet(NamedTuple):
+    """Closest points, one for every query.
+
+    **Attributes:**
+
+    - `cell`, `xi`: where they are; NaN on surfaces that are not finite.
+    - `freedom`: projection onto the directions of reference coordinates in which a foot is free to
+      move: both inside of a cell, one on an edge, none at a corner.
+    """
+
+    cell: Int[np.ndarray, " points"]
+    xi: Float[np.ndarray, "points 2"]
+    freedom: Float[np.ndarray, "points 2 2"]
+
+
 def closest(
     cells: Int[np.ndarray, "cells local"],
     nodes: Float[np.ndarray, "nodes 3"],
@@ -28,16 +44,29 @@ def closest(
     derivatives of shape function j.
 
     *Limits:* where a normal of the surface has a kink, at edges of elements, the nearest point may
-    sit in the kink; the line to it is then not exactly normal to the cell.
+    sit in the kink; the line to it is then not exactly normal to the cell. Triangles about eight
+    times longer than wide may hide the nearest cell from the search.
     """
+    found = feet(cells, nodes, queries)
+    degree = _degree(np.shape(cells)[1])
+    value, slope = lagrange_basis(degree, found.xi), lagrange_gradients(degree, found.xi)
+    return found.cell, np.concatenate([value[..., None], slope], -1)
+
+
+def feet(
+    cells: Int[np.ndarray, "cells local"],
+    nodes: Float[np.ndarray, "nodes 3"],
+    queries: Float[np.ndarray, "points 3"],
+) -> Feet:
+    """What `closest` finds, in reference coordinates."""
     cells, nodes, queries = np.asarray(cells), np.asarray(nodes), np.asarray(queries)
     degree = _degree(cells.shape[1])
     xi, pieces = _pieces(degree)
     local = nodes[cells]
     if not (np.all(np.isfinite(local)) and np.all(np.isfinite(queries))):
         # Whoever asks for a distance to such a surface gets one that is not finite.
-        basis = np.full((len(queries), cells.shape[1], 3), np.nan)
-        return np.zeros(len(queries), np.int32), basis
+        n = len(queries)
+        return Feet(np.zeros(n, np.int32), np.full((n, 2), np.nan), np.zeros((n, 2, 2)))
     points = np.einsum("qj,tjd->tqd", lagrange_basis(degree, xi), local)
     corners = points[:, pieces].reshape(-1, 3, 3)
     count = min(CANDIDATES, len(corners))
@@ -53,10 +82,17 @@ def closest(
     winner = np.argmin(np.sum(gap**2, axis=-1), axis=1)[:, None]
     cell = np.take_along_axis(cell, winner, axis=1)[:, 0]
     at = np.take_along_axis(at, winner[..., None], axis=1)[:, 0]
-    basis = np.concatenate(
-        [lagrange_basis(degree, at)[..., None], lagrange_gradients(degree, at)], -1
-    )
-    return cell.astype(np.int32), basis
+    return Feet(cell.astype(np.int32), at, _freedom(at))
+
+
+def _freedom(xi: Float[np.ndarray, "points 2"]) -> Float[np.ndarray, "points 2 2"]:
+    at_edge = np.concatenate([1 - xi.sum(axis=1, keepdims=True), xi], axis=1) < AT_EDGE
+    free = np.broadcast_to(np.eye(2), (len(xi), 2, 2)).copy()
+    for k in range(3):
+        e = CORNERS[(k + 2) % 3] - CORNERS[(k + 1) % 3]
+        free[at_edge[:, k]] = np.outer(e, e) / (e @ e)
+    free[np.sum(at_edge, axis=1) > 1] = 0.0
+    return free
 
 
 def _degree(local: int) -> int:
