@@ -56,11 +56,19 @@ def solved(kind, p, level):
 
 
 def on_reference(start, truth):
-    """The equilibrium at `truth` on the reference surface of another one."""
+    """The equilibrium at `truth` on the reference surface of another one, reached in four steps."""
     where = lambda p: (p.volume, p.spontaneous_curvature)
-    volume = jnp.asarray(truth["reduced_volume"] * 4 * np.pi / 3)
-    values = volume, jnp.asarray(truth["spontaneous_curvature"])
-    return equilibria.resolve(start, eqx.tree_at(where, start.parameters, values))
+    here, there = (
+        where(start.parameters),
+        (truth["reduced_volume"] * 4 * np.pi / 3, truth["spontaneous_curvature"]),
+    )
+    found = start
+    for part in (0.25, 0.5, 0.75, 1.0):
+        values = [a + part * (b - a) for a, b in zip(here, there, strict=True)]
+        near = eqx.tree_at(lambda s: s.unknowns, start, found.unknowns)
+        found = equilibria.resolve(near, eqx.tree_at(where, start.parameters, values))
+    assert bool(found.converged)
+    return found
 
 
 def pose(rotation=np.eye(3), origin=(0.0, 0.0, 0.0), size=1.0):

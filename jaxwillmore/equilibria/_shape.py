@@ -121,7 +121,11 @@ def constant_path(r: Reference, parameters: Parameters) -> Path:
 
 
 class Resolved(eqx.Module):
-    """An equilibrium on a frozen reference, as a differentiable function of its parameters."""
+    """An equilibrium on a frozen reference, as a differentiable function of its parameters.
+
+    Its fields are those of `Equilibrium`; `unknowns` in place of those of an equilibrium are the
+    start for parameters farther away.
+    """
 
     x: Float[Array, "nodes 3"]
     Y: Float[Array, "nodes 3"]
@@ -133,6 +137,7 @@ class Resolved(eqx.Module):
     total_mean_curvature: Float[Array, ""]
     area: Float[Array, ""]
     volume: Float[Array, ""]
+    unknowns: Float[Array, " unknowns"]
     converged: Bool[Array, ""]
 
 
@@ -181,7 +186,8 @@ def _resolved(r, units, flags, start, parameters, tolerance, linear_solver) -> R
     start = start.at[-1].set(0.0)
     solved = newton(system, start, tolerance, 20, linear_solver)
     converged = solved.result == optx.RESULTS.successful
-    return Resolved(**dimensional(system, solved.unknowns, units), converged=converged)
+    found = dimensional(system, solved.unknowns, units)
+    return Resolved(**found, unknowns=solved.unknowns, converged=converged)
 
 
 def dimensional(system: EquilibriumSystem, unknowns, units: Units) -> dict[str, Array]:

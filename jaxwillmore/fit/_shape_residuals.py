@@ -14,6 +14,8 @@ from ._unknowns import Unknowns
 
 # Where the model has no solution: far above any distance, so that the step is rejected.
 NOWHERE = 1e3
+# The shortest part of the way to other parameters that is tried before giving up.
+LEAST_PART = 1 / 8
 
 
 class Model(eqx.Module):
@@ -38,10 +40,43 @@ class Model(eqx.Module):
         )
         # The implicit function theorem has nothing to say where Newton's method went astray: find
         # that out first, without derivatives.
-        exists = resolve(self.equilibrium, jax.lax.stop_gradient(p)).converged
+        start, exists = self._way_to(jax.lax.stop_gradient(p))
         own = self.equilibrium.parameters
         p = jax.tree.map(lambda there, here: jnp.where(exists, there, here), p, own)
-        return resolve(self.equilibrium, p), exists
+        return resolve(_begun(self.equilibrium, start), p), exists
+
+    def _way_to(self, p: Parameters) -> tuple[Float[Array, " unknowns"], Bool[Array, ""]]:
+        """Unknowns near those that belong to `p`, and whether there are any.
+
+        Newton's method goes all the way at once, or else in parts.
+        """
+        own = self.equilibrium.parameters
+
+        def unfinished(state):
+            done, part, _ = state
+            return (done < 1.0) & (part >= LEAST_PART)
+
+        def go_on(state):
+            done, part, start = state
+            there = jnp.minimum(done + part, 1.0)
+            between = jax.tree.map(lambda a, b: a + there * (b - a), own, p)
+            found = resolve(_begun(self.equilibrium, start), between)
+            arrived = found.converged
+            return (
+                jnp.where(arrived, there, done),
+                jnp.where(arrived, part, 0.5 * part),
+                jnp.where(arrived, found.unknowns, start),
+            )
+
+        state = jnp.zeros(()), jnp.ones(()), self.equilibrium.unknowns
+        done, _, start = jax.lax.while_loop(unfinished, go_on, state)
+        exists = done == 1.0
+        return jnp.where(exists, start, self.equilibrium.unknowns), exists
+
+
+def _begun(equilibrium: Equilibrium, start: Float[Array, " unknowns"]) -> Equilibrium:
+    """An equilibrium whose neighbours are looked for from other unknowns."""
+    return eqx.tree_at(lambda e: e.unknowns, equilibrium, start)
 
 
 def bare(equilibrium: Equilibrium) -> Equilibrium:

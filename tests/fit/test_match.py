@@ -11,6 +11,8 @@ import pytest
 
 from jaxwillmore import equilibria, mesh as meshes
 from jaxwillmore.fit import MatchIterate, log_likelihood, match_shapes, name_of
+from jaxwillmore.fit._pose import Pose
+from jaxwillmore.fit._shape_residuals import Model, bare
 
 from ..helpers import random_rotation
 from .profiles import PROLATE, equilibrium_nodes
@@ -87,6 +89,29 @@ def test_a_twin_is_recovered_from_half_way_off(fitted, twin):
     np.testing.assert_allclose(shape.parameters["pressure"], made.pressure, rtol=1e-6)
     np.testing.assert_allclose(shape.parameters["radius"], SIZE, rtol=1e-6)
     assert shape.distances["largest"] < 1e-6 * SIZE
+
+
+@pytest.mark.slow
+def test_a_model_goes_a_long_way_in_parts():
+    """Where Newton's method alone does not arrive; it is the shape that one finds there."""
+    here = {"reduced_volume": 0.7, "spontaneous_curvature": 0.6}
+    there = {"reduced_volume": 0.8, "spontaneous_curvature": 1.2}
+
+    def prolate(p):
+        held: dict[str, Any] = {"area": 4 * np.pi} | p
+        mesh, x = equilibria.spheroid(p["reduced_volume"], "prolate", level=1)
+        return equilibria.equilibrium(mesh, x, stability=False, **held)
+
+    start = prolate(here)
+    assert not bool(moved_to(start, there).converged)
+    model = Model(bare(start), Pose(jnp.eye(3), jnp.zeros(3), jnp.ones(())))
+    solved = eqx.filter_jit(lambda model, p: model.solved(p))
+    found, exists = solved(
+        model, {name: jnp.asarray(v) for name, v in there.items()} | {"pressure": jnp.zeros(())}
+    )
+    assert bool(exists) and bool(found.converged)
+    np.testing.assert_allclose(found.energy, prolate(there).energy, rtol=0.02)
+    np.testing.assert_allclose(found.volume, there["reduced_volume"] * 4 * np.pi / 3, rtol=1e-9)
 
 
 @pytest.mark.slow
