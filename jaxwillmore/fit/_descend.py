@@ -19,6 +19,9 @@ FRESH_STARTS = 4
 # Part of the residuals that a linear change of the unknowns may still explain at a minimum, and
 # where rounding or kinks in the distance let no step lower it further.
 STATIONARY, NEARLY_STATIONARY = 1e-5, 1e-3
+# Accepted steps that together bring less than a tenth of what the linear model promises for one:
+# the minimum lies in a kink, and they would go on along it for long.
+CRAWL = 5
 
 
 class Aux(eqx.Module):
@@ -96,6 +99,7 @@ def descend(
     solver = optx.LevenbergMarquardt(rtol=tolerance, atol=tolerance)
     state = _init(solver, residuals, u)
     result, taken, accepted, starts = RESULTS.step_limit, 0, u, 0
+    squares: list[float] = []
     for taken in range(max_steps + 1):
         accepted, state, _ = _step(solver, residuals, accepted, state)
         r = np.asarray(state.f_info.residual)
@@ -109,7 +113,9 @@ def descend(
         if observer is not None and waited == 0:
             observer(Iterate(accepted, 0.5 * float(r @ r), float(state.aux.strain)))
         part = explained(r, np.asarray(_dense(state.f_info.jac))) if waited == 0 else np.inf
-        if part < STATIONARY:
+        if waited == 0:
+            squares.append(float(r @ r))
+        if part < STATIONARY or (waited == 0 and _crawls(squares, part)):
             result = RESULTS.converged
             break
         if interrupted():
@@ -136,6 +142,13 @@ def descend(
         result = RESULTS.converged
     solved = bool(state.aux.solved) and bool(np.all(np.isfinite(r)))
     return Descent(accepted, r, J, float(state.aux.strain), result, taken, solved)
+
+
+def _crawls(squares: list[float], part: float) -> bool:
+    """Whether steps near a minimum bring much less than the linear model says."""
+    if part >= NEARLY_STATIONARY or len(squares) <= CRAWL:
+        return False
+    return squares[-1 - CRAWL] - squares[-1] < 0.1 * part**2 * squares[-1]
 
 
 def _call(u, residuals):
