@@ -41,13 +41,16 @@ def newton(
     The stiff saddle-point matrix is factorised as a whole, in nested-dissection order.
     """
     solver = SparseSolver(rtol=1e-11, method=linear_solver)
+    # The factors are good to about 1e-11 only, which soft shapes enlarge: derivatives take another
+    # iteration or two.
+    finer = SparseSolver(rtol=1e-13, method=linear_solver)
     solution = optx.root_find(
         _residual,
         SparseNewton(tolerance, solver, exact=exact),
         start,
         system,
         max_steps=max_steps,
-        adjoint=optx.ImplicitAdjoint(solver),
+        adjoint=optx.ImplicitAdjoint(finer),
         throw=False,
     )
     v = solution.value
