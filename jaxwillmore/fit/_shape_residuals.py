@@ -24,6 +24,7 @@ class Model(eqx.Module):
     equilibrium: Equilibrium
     pose: Pose
 
+    @eqx.filter_jit
     def solved(self, parameters: dict[str, Array]) -> tuple[Resolved, Bool[Array, ""]]:
         """The equilibrium for other parameters, in units of its size and κ, and whether it exists.
 
