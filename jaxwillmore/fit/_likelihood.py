@@ -18,7 +18,7 @@ def log_likelihood(
     $$ \log p = -\sum_j \frac{d_j^2}{2 s^2} - N \log (s \sqrt{2\pi}) $$
 
     with $d_j$ the distance of point j to the surface of the model: normal errors of standard
-    deviation s, along the normal. A pure function, differentiable in `parameters`, `data` and
+    deviation s, along the normal. A pure function, twice differentiable in `parameters`, `data` and
     `noise`, forward and reverse; $-\infty$ where the model has no solution.
 
     **Arguments:**
@@ -28,7 +28,7 @@ def log_likelihood(
     - `data`: points for every target.
     - `noise`: s, in the units of the points.
 
-    *Limits:* first derivatives only; second ones lack the motion of the closest points.
+    *Limits:* derivatives jump, at the order of the mesh, where a closest point crosses an edge.
     """
     total = jnp.zeros(())
     for k, points in enumerate(data):

@@ -132,8 +132,11 @@ def test_every_step_is_seen_and_the_last_is_where_it_ended(fitted):
 
 
 @pytest.mark.slow
-def test_likelihood_is_greatest_at_the_truth_and_has_the_right_slope(fitted, twin):
-    """Reverse, forward and difference quotients agree on points that lie off the surface."""
+def test_likelihood_is_greatest_at_the_truth_and_has_the_right_derivatives(fitted, twin):
+    """Reverse, forward and difference quotients agree on points that lie off the surface.
+
+    The second derivative is the one of a curved surface: closest points move with it.
+    """
     fit, _ = fitted
     rng = np.random.default_rng(0)
     points = jnp.asarray(np.asarray(twin[1]) + 0.02 * rng.normal(size=(len(twin[1]), 3)))
@@ -142,13 +145,16 @@ def test_likelihood_is_greatest_at_the_truth_and_has_the_right_slope(fitted, twi
     @eqx.filter_jit
     def of(model, u):
         value = lambda u: log_likelihood(model, u, (points,), jnp.asarray(0.02))
-        return (*jax.value_and_grad(value)(u), jax.jvp(value, (u,), (direction,))[1])
+        slope, second = jax.jvp(jax.grad(value), (u,), (direction,))
+        return *jax.jvp(value, (u,), (direction,)), slope, second
 
-    value, gradient, forward = of(fit.residuals, fit.u)
+    value, forward, gradient, second = of(fit.residuals, fit.u)
     np.testing.assert_allclose(forward, jnp.vdot(gradient, direction), rtol=1e-9)
     h = 1e-5
-    either = [of(fit.residuals, fit.u + s * h * direction)[0] for s in (1, -1)]
-    np.testing.assert_allclose((either[0] - either[1]) / (2 * h), forward, rtol=1e-4)
+    plus, minus = (of(fit.residuals, fit.u + s * h * direction) for s in (1, -1))
+    np.testing.assert_allclose((plus[0] - minus[0]) / (2 * h), forward, rtol=1e-4)
+    difference = (plus[2] - minus[2]) / (2 * h)
+    np.testing.assert_allclose(second, difference, rtol=1e-4, atol=1e-5 * jnp.max(jnp.abs(second)))
     far = of(fit.residuals, fit.u.at[0].add(-0.2))[0]
     assert float(far) < float(value) - 10
 
