@@ -10,7 +10,7 @@ from jaxtyping import Array, Float
 
 from ..mesh import SurfaceMesh
 from ._flow_residuals import FlowResiduals
-from ._identify import Identification
+from ._identify import NO_SOLUTION, Identification
 from ._results import RESULTS
 from ._shape_fit import distances
 from ._targets import Target
@@ -73,6 +73,8 @@ class FlowFit:
 
     def in_words(self) -> tuple[str, ...]:
         """What this series does not tell, one sentence each."""
+        if not np.isfinite(self.rms):
+            return (NO_SOLUTION,)
         return (MOBILITY_IS_INVISIBLE, *self.identification.in_words())
 
     def misfit(self, u: Float[Array, " unknowns"]) -> tuple[float, bool]:

@@ -10,6 +10,7 @@ from scipy.stats import norm
 
 # A parameter with more than this part of its unit vector in the null space is not identifiable.
 NULL_PART = 0.01
+NO_SOLUTION = "The fit has no solution, so that it says nothing about its parameters."
 # Entries below this part of the largest one are left out of the words for a direction.
 SPOKEN = 0.2
 

@@ -15,7 +15,7 @@ from ..mesh import SurfaceMesh
 from ..surface import area, closest
 from ._descend import Descent
 from ._force_balance import KAPPA_IS_INVISIBLE
-from ._identify import Identification
+from ._identify import NO_SOLUTION, Identification
 from ._pose import Pose
 from ._results import RESULTS
 from ._shape_residuals import ShapeResiduals
@@ -96,6 +96,8 @@ class ShapeFit:
 
     def in_words(self) -> tuple[str, ...]:
         """What these shapes do not tell, one sentence each."""
+        if not self.shapes:
+            return (NO_SOLUTION,)
         meanings = {label: spoken(label) for label in self.identification.names}
         return (KAPPA_IS_INVISIBLE, *self.identification.in_words(meanings))
 

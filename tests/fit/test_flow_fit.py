@@ -68,6 +68,9 @@ def test_a_start_whose_run_breaks_off_ends_by_name(monkeypatch):
     fit = fit_flow(build, MESH, X, [0.1], [(MESH, X)], start=start, throw=False)
     assert name_of(fit.result) == "model_failed" and not fit.succeeded
     assert np.isnan(fit.rms) and fit.parameters == start
+    assert fit.in_words() == (
+        "The fit has no solution, so that it says nothing about its parameters.",
+    )
     assert fit.identification.identifiable == {"bending_modulus": False}
 
 
