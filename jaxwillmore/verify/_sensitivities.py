@@ -36,7 +36,7 @@ from ..surface import (
 Scalars = dict[str, Float[Array, ""]]
 Row = dict[str, Any]
 # Remainders smaller than this, relative to the output, are rounding of the solvers.
-FLOOR = 1e-10
+FLOOR = 3e-11
 # A parameter that moves an output by less than this part of what another one does is minor.
 MINOR = 1e-3
 _MAX_HARMONIC = 4
@@ -53,7 +53,7 @@ class Sensitivity(NamedTuple):
     steps: dict[str, float]
 
 
-def sensitivity_rows(study: Sensitivity, halvings: int = 6) -> list[Row]:
+def sensitivity_rows(study: Sensitivity, halvings: int = 8) -> list[Row]:
     r"""One row per pair of output and parameter.
 
     Columns: `map`, `output`, `parameter`, the `derivative` $f'$, the relative difference `modes`
