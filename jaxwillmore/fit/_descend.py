@@ -19,9 +19,10 @@ FRESH_STARTS = 4
 # Part of the residuals that a linear change of the unknowns may still explain at a minimum, and
 # where rounding or kinks in the distance let no step lower it further.
 STATIONARY, NEARLY_STATIONARY = 1e-5, 1e-3
-# Accepted steps that together bring less than a tenth of what the linear model promises for one:
-# the minimum lies in a kink, and they would go on along it for long.
-CRAWL = 5
+# Accepted steps that together bring less than a tenth of what the linear model promises for one,
+# within a tenth of a standard error of its minimum: that lies in a kink, and they would go on along
+# it for long.
+CRAWL, INSIGNIFICANT = 5, 0.1
 
 
 class Aux(eqx.Module):
@@ -115,7 +116,7 @@ def descend(
         part = explained(r, np.asarray(_dense(state.f_info.jac))) if waited == 0 else np.inf
         if waited == 0:
             squares.append(float(r @ r))
-        if part < STATIONARY or (waited == 0 and _crawls(squares, part)):
+        if part < STATIONARY or (waited == 0 and _crawls(squares, part, int(np.count_nonzero(r)))):
             result = RESULTS.converged
             break
         if interrupted():
@@ -144,9 +145,10 @@ def descend(
     return Descent(accepted, r, J, float(state.aux.strain), result, taken, solved)
 
 
-def _crawls(squares: list[float], part: float) -> bool:
+def _crawls(squares: list[float], part: float, rows: int) -> bool:
     """Whether steps near a minimum bring much less than the linear model says."""
-    if part >= NEARLY_STATIONARY or len(squares) <= CRAWL:
+    # One standard error explains a part 1/√rows of residuals that are noise.
+    if part * np.sqrt(rows) >= INSIGNIFICANT or len(squares) <= CRAWL:
         return False
     return squares[-1 - CRAWL] - squares[-1] < 0.1 * part**2 * squares[-1]
 

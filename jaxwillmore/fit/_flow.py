@@ -67,8 +67,7 @@ def fit_flow(
     - `ranges`: what values they may take; by default positive for names that end in `modulus`,
       else unbounded.
     - `rtol`: error of a time step, as in `evolve`; it bounds the accuracy of the parameters. On a
-      red cell that becomes a sphere, with exact data, the default gives the modulus to 1e-5, and
-      1e-3 gives it to 1e-4 with half the steps.
+      red cell that becomes a sphere, with exact data, the default gives the modulus to 1e-4.
     - `noise`: standard deviation of independent normal errors of the points seen; left out, it is
       taken from the residuals.
 
