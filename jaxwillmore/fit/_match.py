@@ -170,13 +170,13 @@ def _finished(matcher: Matcher, descent: Descent, noise, rank_tolerance, began) 
     shapes, found, robust = described
     rms = matcher.rms(descent.objective)
     bound = layout.on_bound(u)
-    if bool(result == RESULTS.converged):
-        if rms > HOPELESS or rms > matcher.history[0]["rms"] * (1 + 1e-3):
-            result = RESULTS.diverged
-        elif bound:
-            result = RESULTS.on_bound
-        elif not all(found.identifiable.values()):
-            result = RESULTS.not_identifiable
+    converged = bool(result == RESULTS.converged)
+    if converged and (rms > HOPELESS or rms > matcher.history[0]["rms"] * (1 + 1e-3)):
+        result = RESULTS.diverged
+    elif bound and (converged or bool(result == RESULTS.stalled)):
+        result = RESULTS.on_bound
+    elif converged and not all(found.identifiable.values()):
+        result = RESULTS.not_identifiable
     stats = {
         "steps": matcher.steps,
         "stages": matcher.stages,
