@@ -82,3 +82,25 @@ def test_patches_are_equal_in_number_and_compact():
     assert np.all(np.bincount(number) == 40)
     spread = [np.ptp(points[number == k], axis=0).min() for k in range(16)]
     assert max(spread) < 0.8 * np.ptp(points, axis=0).min()
+
+
+@pytest.mark.parametrize(
+    ("effect", "options", "told"),
+    [
+        (1.0, {}, True),
+        # Any effect at all, where nothing is asked of it.
+        (1e-3, {}, True),
+        (1e-3, {"least": 0.1}, False),
+        # The standard error of the logarithm is above one here, and below it there.
+        (1e-3, {"by_factors": (True,)}, False),
+        (0.02, {"by_factors": (True,)}, True),
+    ],
+)
+def test_a_single_parameter_is_told_by_what_it_does(effect, options, told):
+    """Its own singular value is the largest there is: relative to that no effect is small."""
+    residuals = 0.1 * np.where(np.arange(50) % 2, 1.0, -1.0)
+    slopes = np.array([2.0])  # of a positive value, itself: 2 = exp(u)
+    J = np.full((50, 1), effect) * slopes
+    found = laplace(residuals, J, ("b",), np.array([2.0]), slopes, count=50, **options)
+    assert found.identifiable == {"b": told}
+    assert np.isfinite(found.standard_errors["b"]) == told
