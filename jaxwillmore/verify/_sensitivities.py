@@ -37,7 +37,8 @@ Scalars = dict[str, Float[Array, ""]]
 Row = dict[str, Any]
 # Remainders smaller than this, relative to the output, are rounding of the solvers.
 FLOOR = 3e-11
-# A parameter that moves an output by less than this part of what another one does is minor.
+# A parameter is minor to an output that it moves by less than this part of what another one does,
+# or, changed by a factor, by less than this part of that factor.
 MINOR = 1e-3
 _MAX_HARMONIC = 4
 # Rays of a section askew to every symmetry, which meet the surfaces of these maps inside of cells.
@@ -58,8 +59,9 @@ def sensitivity_rows(study: Sensitivity, halvings: int = 8) -> list[Row]:
 
     Columns: `map`, `output`, `parameter`, the `derivative` $f'$, the relative difference `modes`
     between forward and reverse mode (0 where both vanish up to rounding; for a minor parameter,
-    relative to a thousandth of what the strongest one does), and `slope`, the order in h of
-    Taylor's remainder $|f(p + h) - f(p) - h f'|$: 2 when the derivative is right, 1 when it is
+    relative to a thousandth of what the strongest one does, or of the ratio of output and
+    parameter: below that what is left of sums that cancel is rounding), and `slope`, the order in h
+    of Taylor's remainder $|f(p + h) - f(p) - h f'|$: 2 when the derivative is right, 1 when it is
     wrong. It is taken from the three smallest of the steps `steps[p] / 2^k` whose remainder is
     above the rounding of the solvers; NaN where the output is linear in the parameter to that
     accuracy.
@@ -99,7 +101,8 @@ def sensitivity_rows(study: Sensitivity, halvings: int = 8) -> list[Row]:
             # A derivative that vanishes has no relative error.
             rounding = FLOOR * (abs(float(start[output])) + 1) / step
             vanishes = max(abs(found), abs(other)) < rounding
-            size = max(abs(found), MINOR * reach / step)
+            ratio = abs(float(start[output]) / float(at[name])) if float(at[name]) else 0.0
+            size = max(abs(found), MINOR * reach / step, MINOR * ratio)
             rows.append(
                 {
                     "map": study.name,
