@@ -54,6 +54,11 @@ class ColumnStructure:
         self._nodes = pattern.order
         self.n_fields = f
 
+    @property
+    def nbytes(self) -> int:
+        """Memory of the index arrays."""
+        return self._entry.nbytes + self._indices.nbytes + self._sorted.nbytes
+
     def matrix(self, data: np.ndarray) -> sp.csc_matrix:
         """The scalar matrix of the blocks `data`."""
         values = np.empty(len(self._entry))
@@ -88,6 +93,11 @@ class SuperLU:
             diag_pivot_thresh=1e-8,
             options={"SymmetricMode": True},
         )
+
+    @property
+    def nbytes(self) -> int:
+        """Memory of the factors: a value of 8 bytes and an index of 4 per entry, at most."""
+        return 12 * self._lu.nnz
 
     def solve(self, rhs: np.ndarray, transpose: bool) -> np.ndarray:
         """Solve for nodal arrays of shape `nodes fields` or `nodes fields columns`."""

@@ -17,6 +17,11 @@ class Pardiso:
         self._solver = PyPardisoSolver()
         self._solver.factorize(self._matrix)
 
+    @property
+    def nbytes(self) -> int:
+        """Memory of the matrix and of its factors; iparm(17) counts the latter in kilobytes."""
+        return 1024 * int(self._solver.get_iparm(17)) + 12 * self._matrix.nnz
+
     def solve(self, rhs: np.ndarray, transpose: bool) -> np.ndarray:
         """Solve for nodal arrays of shape `nodes fields` or `nodes fields columns`."""
         s = self._structure

@@ -12,25 +12,13 @@ import lineax as lx
 import numpy as np
 from jaxtyping import Array, Float, Int
 
-from ._host import HOST, NON_FINITE, NOT_CONVERGED, SINGULAR, Backend
+from ._factorised import backend
+from ._host import HOST
+from ._host_matrix import FAILURES, pattern_arrays
 from ._operator import SparseOperator
-from ._pattern import BlockPattern
 from ._system import AbstractSparseSystem
 
 METHODS = ("krylov", "direct", "pardiso")
-
-
-@ft.cache
-def _backend(groups: tuple, method: str) -> Backend:
-    if method == "pardiso":
-        from ._pardiso import Pardiso
-
-        return Backend(groups, True, Pardiso)
-    return Backend(groups, method == "direct" or not groups)
-
-
-def _arrays(pattern: BlockPattern):
-    return pattern.indptr, pattern.cols, pattern.rows, pattern.order, pattern.key
 
 
 def _border(operator: SparseOperator):
@@ -47,15 +35,17 @@ class PreparedMatrix(eqx.Module):
 class SparseSolver(lx.AbstractLinearSolver):
     """Solves with a `SparseOperator`, or with the Jacobian of an `AbstractSparseSystem`.
 
-    The work happens in one host callback per solve: GMRES with a block Gauss–Seidel
+    The work happens in one host callback per solve: flexible GMRES with a block Gauss–Seidel
     preconditioner; if that does not converge, sparse LU of the whole system in nested-dissection
     order. Derivatives, forward and reverse, are solves with the same matrix or its transpose.
 
     **Arguments:**
 
     - `groups`: for the preconditioner, groups of columns in order of solution; a group is a tuple
-      of copies that share one factorisation. Empty: no preconditioner, LU at once.
-    - `rtol`: relative residual asked of GMRES.
+      of copies (tuples of columns) that share one factorisation, or a `TangentGroup`. Empty: no
+      preconditioner, LU at once.
+    - `rtol`: relative residual asked of GMRES. Where rounding forbids it, a residual at the level
+      of rounding is taken that is at most 1e-6.
     - `method`: `"krylov"` (as above), `"direct"` (SuperLU at once) or `"pardiso"` (MKL Pardiso at
       once; needs the extra `fast`).
 
@@ -82,11 +72,11 @@ class SparseSolver(lx.AbstractLinearSolver):
         operator = _assembled(operator)
         operator = jax.lax.stop_gradient(operator)
         handle = jax.pure_callback(
-            ft.partial(HOST.prepare, _backend(self.groups, self.method)),
+            ft.partial(HOST.prepare, backend(self.groups, self.method)),
             jax.ShapeDtypeStruct((), jnp.int64),
             operator.data,
             _border(operator),
-            _arrays(operator.pattern),
+            pattern_arrays(operator.pattern),
             vmap_method="sequential",
         )
         return PreparedMatrix(handle, operator)
@@ -96,7 +86,7 @@ class SparseSolver(lx.AbstractLinearSolver):
         operator = state.operator
         x, iterations, outcome = jax.pure_callback(
             ft.partial(
-                HOST.solve, _backend(self.groups, self.method), operator.transposed, self.rtol
+                HOST.solve, backend(self.groups, self.method), operator.transposed, self.rtol
             ),
             (
                 jax.ShapeDtypeStruct(vector.shape, vector.dtype),
@@ -107,15 +97,11 @@ class SparseSolver(lx.AbstractLinearSolver):
             operator.data,
             _border(operator),
             vector,
-            _arrays(operator.pattern),
+            pattern_arrays(operator.pattern),
             vmap_method="sequential",
         )
         result = lx.RESULTS.successful
-        for code, failure in (
-            (NOT_CONVERGED, lx.RESULTS.breakdown),
-            (SINGULAR, lx.RESULTS.singular),
-            (NON_FINITE, lx.RESULTS.nonfinite_input),
-        ):
+        for code, failure in FAILURES.items():
             result = lx.RESULTS.where(outcome == code, failure, result)
         return x, result, {"iterations": iterations}
 
