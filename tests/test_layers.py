@@ -7,11 +7,13 @@ import pytest
 
 ROOT = pathlib.Path(__file__).parents[1] / "jaxwillmore"
 LAYERS = [
-    {"_types", "_version", "_interrupts"},
+    {"_types", "_version"},
+    {"_interrupts", "_cache", "_functions"},
     {"reference"},
     {"mesh", "linalg"},
     {"fem"},
     {"surface"},
+    {"phases"},
     {"energies"},
     {"flows", "schemes"},
     {"equilibria", "evolve"},

@@ -1,4 +1,4 @@
-"""Energies of a surface, as functions of its nodes."""
+"""Energies of a surface, as functions of its nodes and of what lives on them."""
 
 from ._base import AbstractEnergy as AbstractEnergy, terms_of as terms_of
 from ._canham_helfrich import CanhamHelfrich as CanhamHelfrich
@@ -17,6 +17,12 @@ from ._global import (
     VolumePenalty as VolumePenalty,
 )
 from ._mem3dg import from_mem3dg as from_mem3dg
+from ._mixture import (
+    AbstractModulus as AbstractModulus,
+    Mixture as Mixture,
+    modulus_at as modulus_at,
+    modulus_jet as modulus_jet,
+)
 from ._parameters import (
     finite as finite,
     finite_field as finite_field,
@@ -25,5 +31,12 @@ from ._parameters import (
     positive as positive,
     positive_field as positive_field,
 )
+from ._phase import FreeEnergy as FreeEnergy, GinzburgLandau as GinzburgLandau
 from ._shape_derivative import shape_derivative as shape_derivative
+from ._two_phase import TwoPhase as TwoPhase
+from ._wells import (
+    AbstractWell as AbstractWell,
+    FloryHuggins as FloryHuggins,
+    QuarticWell as QuarticWell,
+)
 from ._willmore import Willmore as Willmore, willmore_of_field as willmore_of_field

@@ -7,9 +7,11 @@ import equinox as eqx
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
+from .._functions import as_data
 from ..fem import integrate
 from ..surface import mean_curvature_vector, recover_gaussian_curvature
 from ._base import AbstractEnergy
+from ._parameters import double, nodes_of
 
 
 class SurfacePoint(eqx.Module):
@@ -36,8 +38,8 @@ class ExternalPotential(AbstractEnergy):
 
     **Arguments:**
 
-    - `potential`: $\phi$, a function of one point, energy/length². Give an `eqx.Module` to keep its
-      parameters differentiable.
+    - `potential`: $\phi$, a function of one point, energy/length². Derivatives pass the arrays and
+      floats that it closes over.
 
     **Raises:** `ValueError` when called, unless $\phi$ is one number.
 
@@ -48,7 +50,11 @@ class ExternalPotential(AbstractEnergy):
 
     potential: Callable[[Float[Array, "3"]], Float[Array, ""]]
 
-    def __call__(self, mesh, x):
+    def __init__(self, potential):
+        self.potential = as_data(potential)
+
+    def __call__(self, mesh, x, fields=None):
+        x = nodes_of(mesh, x)
         return integrate(
             mesh, x, lambda point, _: _one_number("potential", self.potential(point.position))
         )
@@ -63,7 +69,8 @@ class Density(AbstractEnergy):
       the fields: `fields.c.value` and its tangential gradient `fields.c.grad`. Give an `eqx.Module`
       to keep its parameters differentiable.
     - `fields`: nodal arrays by name, of shape `nodes` or `nodes 3`; they stay on their nodes when
-      `x` moves.
+      `x` moves. Fields of the moment, `energy(mesh, x, fields)`, join them or replace those of
+      the same name.
 
     **Raises:** `ValueError` when called, for a field that does not have one row for every node or a
     density that is not one number.
@@ -82,12 +89,15 @@ class Density(AbstractEnergy):
     fields: dict[str, Float[Array, "..."]]
 
     def __init__(self, density, fields=None):
-        self.density = density
+        self.density = as_data(density)
         given = {} if fields is None else fields
         self.fields = {name: jnp.asarray(value, float) for name, value in given.items()}
 
-    def __call__(self, mesh, x):
-        for name, field in self.fields.items():
+    def __call__(self, mesh, x, fields=None):
+        x = nodes_of(mesh, x)
+        now = {} if fields is None else {name: double(name, f) for name, f in fields.items()}
+        now = self.fields | now
+        for name, field in now.items():
             if field.shape not in ((mesh.n_nodes,), (mesh.n_nodes, 3)):
                 raise ValueError(
                     f"The field `{name}` needs shape ({mesh.n_nodes},) or ({mesh.n_nodes}, 3), one "
@@ -97,7 +107,7 @@ class Density(AbstractEnergy):
         def density(here, f):
             H = jnp.sum(f.Y.value * here.normal)
             point = SurfacePoint(here.position, here.normal, H, f.K.value)
-            own = {name: getattr(f, f"own_{name}") for name in self.fields}
+            own = {name: getattr(f, f"own_{name}") for name in now}
             return _one_number("density", self.density(point, SimpleNamespace(**own)))
 
         curvature = {
@@ -105,7 +115,7 @@ class Density(AbstractEnergy):
             "K": recover_gaussian_curvature(mesh, x),
         }
         # A prefix, so that a field of the user may have any name.
-        own = {f"own_{name}": field for name, field in self.fields.items()}
+        own = {f"own_{name}": field for name, field in now.items()}
         return integrate(mesh, x, density, curvature | own)
 
 

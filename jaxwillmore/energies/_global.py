@@ -12,7 +12,7 @@ from jaxtyping import Array, Float
 from ..fem import integrate
 from ..surface import area, mean_curvature_vector, volume
 from ._base import AbstractEnergy
-from ._parameters import finite, positive
+from ._parameters import finite, nodes_of, positive
 
 
 class AbstractGlobalEnergy(AbstractEnergy):
@@ -24,7 +24,8 @@ class AbstractGlobalEnergy(AbstractEnergy):
     ) -> Float[Array, ""]:
         """The energy from area, volume and total mean curvature."""
 
-    def __call__(self, mesh, x):
+    def __call__(self, mesh, x, fields=None):
+        x = nodes_of(mesh, x)
         Y = mean_curvature_vector(mesh, x)
         M = integrate(mesh, x, lambda p, f: jnp.sum(f.Y.value * p.normal), {"Y": Y})
         return self.of(area(mesh, x), volume(mesh, x), M)

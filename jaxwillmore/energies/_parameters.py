@@ -1,5 +1,8 @@
 """Parameters as arrays, refused where they make no sense."""
 
+from collections.abc import Mapping
+from typing import Any
+
 import jax.numpy as jnp
 import numpy as np
 from jax.core import Tracer
@@ -70,6 +73,55 @@ def positive_field(name: str, value) -> Float[Array, "..."]:
     if len(wrong):
         raise ValueError(f"`{name}` must be positive; got {array[wrong[0]]} at node {wrong[0]}.")
     return array
+
+
+def double(name: str, value) -> Float[Array, "..."]:
+    """Numbers as float64; integers become floats.
+
+    **Raises:** `ValueError` for floats of fewer bits, and for what is no real number.
+    """
+    array = value if isinstance(value, Tracer) else jnp.asarray(value)
+    if jnp.issubdtype(array.dtype, jnp.floating) and array.dtype != jnp.float64:
+        raise ValueError(
+            f"`{name}` holds {array.dtype} numbers, whose digits do not suffice for curvatures. "
+            f"Pass float64, `jnp.asarray({name}, float)`, made from the full digits where you can."
+        )
+    real = jnp.issubdtype(array.dtype, jnp.floating) or jnp.issubdtype(array.dtype, jnp.integer)
+    if not real:
+        raise ValueError(f"`{name}` must hold real numbers; got {array.dtype}.")
+    return array.astype(float)
+
+
+def nodes_of(mesh: SurfaceMesh, x) -> Float[Array, "nodes 3"]:
+    """The positions of the nodes in float64.
+
+    **Raises:** `ValueError` for another shape or too few digits; see `double`.
+    """
+    x = double("x", x)
+    if x.shape != (mesh.n_nodes, 3):
+        raise ValueError(f"`x` needs shape ({mesh.n_nodes}, 3), a row per node; got {x.shape}.")
+    return x
+
+
+def density_of(
+    mesh: SurfaceMesh, fields: Mapping[str, Any] | None, who: str, name: str = "c"
+) -> Float[Array, " nodes"]:
+    """The nodal concentration of the moment, which the energy `who` depends on.
+
+    **Raises:** `ValueError` if there is none, or not one number for every node.
+    """
+    if fields is None or name not in fields:
+        raise ValueError(
+            f'{who} needs a concentration `{name}`: call `energy(mesh, x, {{"{name}": {name}}})` '
+            f"with one number for each of the {mesh.n_nodes} nodes."
+        )
+    c = double(name, fields[name])
+    if c.shape != (mesh.n_nodes,):
+        raise ValueError(
+            f"{who} needs a concentration `{name}` with one number for each of the {mesh.n_nodes} "
+            f"nodes; got shape {c.shape}."
+        )
+    return c
 
 
 def on_nodes(name: str, value: Float[Array, "..."], mesh: SurfaceMesh) -> Float[Array, " nodes"]:

@@ -1,6 +1,6 @@
 """The shape derivative of any number that depends on a surface."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 
 import jax
 from jaxtyping import Array, Float
@@ -9,10 +9,11 @@ from ..mesh import SurfaceMesh
 
 
 def shape_derivative(
-    energy: Callable[[SurfaceMesh, Float[Array, "nodes 3"]], Float[Array, "..."]],
+    energy: Callable[..., Float[Array, "..."]],
     mesh: SurfaceMesh,
     x: Float[Array, "nodes 3"],
     direction: Float[Array, "_ 3"],
+    fields: Mapping[str, Array] | None = None,
 ) -> Float[Array, "..."]:
     r"""$\mathrm{d}E(x)[\phi] = \frac{\mathrm{d}}{\mathrm{d}t} E(x + t\phi)|_{t=0}$, by JAX.
 
@@ -24,6 +25,7 @@ def shape_derivative(
 
     - `energy`: an energy, or any function of `(mesh, x)`, such as `surface.volume`.
     - `direction`: the velocity $\phi$ of the nodes, length.
+    - `fields`: nodal arrays of the moment for an energy that reads some; they stay on their nodes.
 
     **Raises:** `ValueError` unless `direction` has the shape of `x`.
 
@@ -35,4 +37,5 @@ def shape_derivative(
         raise ValueError(
             f"`direction` needs one vector per node, shape {x.shape}; got {direction.shape}."
         )
-    return jax.jvp(lambda x: energy(mesh, x), (x,), (direction,))[1]
+    rest = () if fields is None else (fields,)
+    return jax.jvp(lambda x: energy(mesh, x, *rest), (x,), (direction,))[1]

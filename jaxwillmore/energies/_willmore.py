@@ -7,6 +7,7 @@ from ..fem import integrate
 from ..mesh import SurfaceMesh
 from ..surface import mean_curvature_vector
 from ._base import AbstractEnergy
+from ._parameters import nodes_of
 
 
 class Willmore(AbstractEnergy):
@@ -16,7 +17,8 @@ class Willmore(AbstractEnergy):
     order 4, its first variation in a normal direction too.
     """
 
-    def __call__(self, mesh, x):
+    def __call__(self, mesh, x, fields=None):
+        x = nodes_of(mesh, x)
         Y = mean_curvature_vector(mesh, x)
         return 0.5 * integrate(mesh, x, lambda _, f: jnp.sum(f.Y.value**2), {"Y": Y})
 

@@ -95,3 +95,35 @@ class Exact:
             return 0.5 * jnp.dot(g, g) * self.H(p) - g @ self.A(p) @ g
 
         return at
+
+    # A membrane of two phases, b = 2b_b; all moduli are functions of c, and c is one of the place.
+
+    def chemical_potential(self, c, b_b, H0, b_k, Psi, gamma):
+        """μ = Ψ' − γΔc + ½b'e² − b e H₀' + b_k'K with e = H − H₀."""
+        laplacian = self.laplacian(c)
+
+        def at(p):
+            u, e = c(p), self.H(p) - H0(c(p))
+            db_b, dH0, db_k, dPsi = (jax.grad(f)(u) for f in (b_b, H0, b_k, Psi))
+            bending = db_b * e**2 - 2 * b_b(u) * e * dH0 + db_k * self.K(p)
+            return dPsi - gamma * laplacian(p) + bending
+
+        return at
+
+    def two_phase_force(self, c, b_b, H0, b_k, Psi, gamma):
+        """V_c = ΔU + |A|²U − ½bHe² + ∇·((HI−A)∇b_k) − (Ψ + ½γ|∇c|²)H + γ∇c·A∇c, U = b e."""
+        gradient = self.gradient(c)
+
+        def U(p):
+            return 2 * b_b(c(p)) * (self.H(p) - H0(c(p)))
+
+        laplacian = self.laplacian(U)
+        gauss = self.gauss_operator(lambda p: b_k(c(p)))
+
+        def at(p):
+            H, A, e, g = self.H(p), self.A(p), self.H(p) - H0(c(p)), gradient(p)
+            bending = laplacian(p) + self.A2(p) * U(p) - b_b(c(p)) * H * e**2 + gauss(p)
+            line = -(Psi(c(p)) + 0.5 * gamma * jnp.dot(g, g)) * H + gamma * g @ A @ g
+            return bending + line
+
+        return at
