@@ -9,13 +9,14 @@ import numpy as np
 from jax.core import Tracer
 from jaxtyping import Array, Float
 
-from ..flows import AbstractFlow
+from ..flows import AbstractLaw, System, as_system
 from ..mesh import SurfaceMesh
 
 
-def checked_instances(flow, mesh) -> None:
-    """A flow and a mesh, and not their classes."""
-    for name, value, kind in (("flow", flow, AbstractFlow), ("mesh", mesh, SurfaceMesh)):
+def checked_flow(flow, mesh) -> System:
+    """The system of a flow: of a law, or as it is; a mesh beside it, and not their classes."""
+    kinds = (("flow", flow, AbstractLaw | System), ("mesh", mesh, SurfaceMesh))
+    for name, value, kind in kinds:
         if isinstance(value, type):
             raise ValueError(
                 f"`{name}` must be an instance; got the class {value.__name__}. "
@@ -23,9 +24,9 @@ def checked_instances(flow, mesh) -> None:
             )
         if not isinstance(value, kind):
             hint = " Generators return `(mesh, x)`." if isinstance(value, tuple) else ""
-            raise ValueError(
-                f"`{name}` must be of type {kind.__name__}; got {type(value).__name__}.{hint}"
-            )
+            wanted = "a law or a `System`" if name == "flow" else "of type SurfaceMesh"
+            raise ValueError(f"`{name}` must be {wanted}; got {type(value).__name__}.{hint}")
+    return as_system(flow)
 
 
 def _is_finite(value) -> bool:
@@ -73,7 +74,7 @@ def checked_nodes(mesh: SurfaceMesh, x0) -> Float[Array, "nodes 3"]:
     return _checked_field("x0", x0, (mesh.n_nodes, 3))
 
 
-def checked_fields(flow: AbstractFlow, mesh: SurfaceMesh, initial) -> dict[str, Array]:
+def checked_fields(flow: System, mesh: SurfaceMesh, initial) -> dict[str, Array]:
     """Initial fields by name, each of its shape, finite."""
     out = {}
     for name, value in ({} if initial is None else initial).items():

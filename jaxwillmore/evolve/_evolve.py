@@ -4,21 +4,23 @@ import math
 import warnings
 from collections.abc import Callable, Sequence
 
+import equinox as eqx
 from jaxtyping import Array, Float
 
 from .._interrupts import catch_interrupts
-from ..flows import AbstractFlow
+from ..flows import AbstractLaw, System
 from ..mesh import SurfaceMesh
 from ..surface import area_radius
 from ._adaptive import Controller, graded_times, growth_limit
 from ._checks import (
     checked_fields,
-    checked_instances,
+    checked_flow,
     checked_interval,
     checked_nodes,
     checked_order,
     checked_tolerances,
 )
+from ._host_step import HostStep
 from ._loop import Loop
 from ._progress import TextProgressMeter, progress_text
 from ._save import Saver, save_times
@@ -27,7 +29,7 @@ from ._stepper import Stepper
 
 
 def evolve(
-    flow: AbstractFlow,
+    flow: System | AbstractLaw,
     mesh: SurfaceMesh,
     x0: Float[Array, "nodes 3"],
     *,
@@ -45,7 +47,7 @@ def evolve(
     observer: Callable[[dict[str, float | int], State], None] | None = None,
     on_save: Callable[[State], None] | None = None,
     energy_tolerance: float | None = 1e-5,
-    newton_tolerance: float = 1e-8,
+    newton_tolerance: float | None = None,
     linear_solver: str = "krylov",
     progress_meter: TextProgressMeter | None = None,
 ) -> Solution:
@@ -57,26 +59,30 @@ def evolve(
 
     **Arguments:**
 
-    - `flow`, `mesh`, `x0`: the law and the surface it moves.
+    - `flow`, `mesh`, `x0`: a law, or a `System` of laws, and the surface it moves.
     - `t0`, `t1`: the interval, in the units of the law (Willmore: length⁴/energy).
     - `dt0`: first step; by default 1e-5 of the flow's time scale at the size of the surface.
     - `initial`: initial fields that a formula is known for, by name (`{"H": ..., "nu": ...}`);
       what is not given is recovered from the nodes.
     - `bdf_order`: 1 to 5. Order 5 is fragile with few steps and warns.
     - `scheme`: `"implicit"` or `"linearly-implicit"`.
-    - `rtol`: tolerance of the local error relative to the extent of the surface; `None` takes
-      fixed steps `dt0` with a graded start that keeps the order.
+    - `rtol`: tolerance of the local error, of the nodes relative to the extent of the surface, and
+      of a concentration with the weight 0.05; `None` takes fixed steps `dt0` with a graded start
+      that keeps the order.
     - `stationary_tolerance`: stop when `max|V|` is below this multiple of the velocity scale of
-      the law; `None` runs to `t1`.
+      the law, and the flux of a concentration below that of its scale; `None` runs to `t1`.
     - `saveat`: interval between, or list of, times at which states are saved; the states are
       interpolated to the order of the scheme and steps are not shortened for them.
     - `throw`: raise `RuntimeError` when the run stops before `t1` without being stationary.
     - `observer`: called with the diagnostics and the state after every accepted step.
     - `on_save`: called with every saved state as soon as it exists.
     - `energy_tolerance`: rise of the energy per step that rejects it, relative to the sum of the
-      sizes of its terms (`energy_scale` of the flow); `None` accepts any (needed with a `forcing`
-      that does work).
-    - `newton_tolerance`: error of the unknowns of a step, relative to their typical size.
+      sizes of its terms (`energy_scale` of the flow); `None` accepts any, as it is for flows in
+      which a law does work (`lowers_energy` of the flow is false).
+    - `newton_tolerance`: error of the unknowns of a step, field by field relative to the larger of
+      its typical and its largest value; by default a hundredth of `rtol`, and a tenth of
+      `stationary_tolerance` where that is less (1e-8 for fixed steps). Area, volume and amounts
+      that are held are so to rounding, whatever it is.
     - `linear_solver`: `"krylov"` (falls back to LU where it stalls), `"direct"`, or `"pardiso"`
       with the extra `fast`.
     - `progress_meter`: a `TextProgressMeter` that shows the last step; `None` is silent.
@@ -92,13 +98,15 @@ def evolve(
     solution = jw.evolve.evolve(jw.flows.WillmoreFlow(), mesh, x, t1=1.0)
     ```
     """
-    checked_instances(flow, mesh)
+    flow = checked_flow(flow, mesh)
     checked_interval(t0, t1, dt0, rtol, max_steps)
     checked_tolerances(
         stationary_tolerance=stationary_tolerance,
         energy_tolerance=energy_tolerance,
-        newton_tolerance=newton_tolerance,
     )
+    if newton_tolerance is None:
+        newton_tolerance = _newton_tolerance(rtol, stationary_tolerance)
+    checked_tolerances(newton_tolerance=newton_tolerance)
     checked_order(bdf_order)
     if bdf_order == 5:
         warnings.warn("BDF5 is unreliable with few or uneven steps; prefer order 2.", stacklevel=2)
@@ -108,16 +116,17 @@ def evolve(
     stepper = Stepper(
         flow, mesh, scheme=scheme, newton_tolerance=newton_tolerance, linear_solver=linear_solver
     )
-    time_scale = float(flow.time_scale(area_radius(mesh, x0)))
+    time_scale = float(flow.units(area_radius(mesh, x0)).time)
     usual = min(1e-5 * time_scale, t1 - t0)
     dt0 = usual if dt0 is None else dt0
     loop = Loop(
         stepper,
+        advance=_advance(stepper, newton_tolerance),
         controller=Controller(
             rtol=math.inf if rtol is None else rtol,
             growth=growth_limit(bdf_order),
             smallest=1e-6 * min(dt0, usual),
-            energy_tolerance=math.inf if energy_tolerance is None else energy_tolerance,
+            energy_tolerance=_energy_tolerance(flow, energy_tolerance),
         ),
         schedule=graded_times(t0, t1, dt0, bdf_order, time_scale) if rtol is None else None,
         order=bdf_order,
@@ -127,7 +136,7 @@ def evolve(
         observer=_observers(observer, progress_meter, t1),
         on_save=on_save,
     )
-    fields = flow.initial_fields(mesh, x0, given)
+    fields = flow.start(mesh, x0, given)
     if progress_meter is not None:
         progress_meter.start()
     try:
@@ -142,6 +151,31 @@ def evolve(
             f"({name_of(solution.result)}): {message(solution.result)}"
         )
     return solution
+
+
+def _newton_tolerance(rtol: float | None, stationary_tolerance: float | None) -> float:
+    if rtol is None:
+        return 1e-8
+    # A velocity below the tolerance of the solve says nothing about rest.
+    return min(
+        0.01 * rtol, math.inf if stationary_tolerance is None else 0.1 * stationary_tolerance
+    )
+
+
+def _advance(stepper: Stepper, tolerance: float):
+    """What attempts a step: Newton from the host, or the traced stages of the linear scheme."""
+    if stepper.scheme == "implicit":
+        return HostStep(stepper, tolerance)
+    return lambda history, w, t: _linear_step(stepper, history, w, t)
+
+
+@eqx.filter_jit
+def _linear_step(stepper: Stepper, history, w, t):
+    return stepper(history, w, t)
+
+
+def _energy_tolerance(flow: System, tolerance: float | None) -> float:
+    return math.inf if tolerance is None or not flow.lowers_energy else tolerance
 
 
 def _observers(observer, meter: TextProgressMeter | None, t1: float):

@@ -21,21 +21,30 @@ from ._stepper import Attempt, History, Stepper, weights
 CREEP = 300.0
 
 
+# Compiled together with nothing else: each is a dozen operations.
+_weights = eqx.filter_jit(weights)
+
+
+_start = eqx.filter_jit(Stepper.start)
+
+
 @eqx.filter_jit
-def _attempt(stepper: Stepper, history: History, w, t) -> Attempt:
-    return stepper(history, w, t)
+def _push(history: History, t, attempt: Attempt) -> History:
+    return history.push(t, attempt.x, attempt.U, attempt.amounts, attempt.multipliers)
 
 
 class Loop:
     """Steps one run until it ends; all that changes in a run lives here.
 
-    **Arguments:** see `evolve`. `schedule` fixes the times and switches rejections off.
+    **Arguments:** see `evolve`. `advance` attempts a step, `(history, weights, t) -> Attempt`;
+    `schedule` fixes the times and switches rejections off.
     """
 
     def __init__(
         self,
         stepper: Stepper,
         *,
+        advance: Callable[..., Attempt],
         controller: Controller,
         schedule: list[float] | None,
         order: int,
@@ -45,12 +54,8 @@ class Loop:
         observer: Callable[[dict[str, float | int], State], None] | None,
         on_save: Callable[[State], None] | None,
     ):
-        self.stepper, self.controller, self.schedule, self.order = (
-            stepper,
-            controller,
-            schedule,
-            order,
-        )
+        self.stepper, self.advance, self.controller = stepper, advance, controller
+        self.schedule, self.order = schedule, order
         self.stationary_tolerance, self.max_steps = stationary_tolerance, max_steps
         self.saver, self.observer, self.on_save = saver, observer, on_save
         self.records: list[dict[str, float | int]] = []
@@ -70,13 +75,12 @@ class Loop:
         """From `t0` to `t1`, starting with a step `dt`."""
         started = time.perf_counter()
         depth = max(self.order + 1, 3)
-        flow, mesh = self.stepper.problem.flow, self.stepper.problem.mesh
-        history = self.stepper.start(jnp.asarray(t0), x0, fields, depth)
+        mesh = self.stepper.problem.mesh
+        history = _start(self.stepper, jnp.asarray(t0), x0, fields, depth)
         state = State(t0, x0, self._initial_fields(history))
         self.times.append(t0)
-        moment = flow.with_carried(fields)
-        energy = float(moment.energy(mesh, x0))
-        self._size = float(moment.energy_scale(mesh, x0))
+        first = self._diagnostics(x0, state.fields, jnp.full(self._n_globals, jnp.nan, float))
+        energy, self._size = float(first["energy"]), float(first["energy_scale"])
         self._floor, self._least = 0.1 * self._size, energy
         t, rejections, result = t0, 0, None
         self._save([state])
@@ -85,8 +89,9 @@ class Loop:
             if result is not None:
                 break
             dt, t_new = self._target(t, t1, dt)
-            w = weights(history.times, jnp.asarray(t_new), len(self.times), self.order)
-            attempt = _attempt(self.stepper, history, w, jnp.asarray(t_new))
+            known = min(len(self.times), depth)
+            w = _weights(history.times, jnp.asarray(t_new), known, self.order)
+            attempt = self.advance(history, w, jnp.asarray(t_new))
             record = self._record(attempt, t_new)
             reason, factor = self._judge(attempt, record, energy)
             self._count(attempt)
@@ -97,7 +102,7 @@ class Loop:
                 if self.schedule is not None or dt < self.controller.smallest:
                     result = reason
                 continue
-            history = history.push(jnp.asarray(t_new), attempt.x, attempt.U, attempt.multipliers)
+            history = _push(history, jnp.asarray(t_new), attempt)
             self.times.append(t_new)
             rise = (record["energy"] - energy) / self._reference()
             t, energy, self._size = t_new, record["energy"], record["energy_scale"]
@@ -150,9 +155,17 @@ class Loop:
         dt = min(dt, 0.5 * left)
         return dt, t + dt
 
-    def _record(self, attempt: Attempt, t: float) -> dict[str, float | int]:
+    @property
+    def _n_globals(self) -> int:
+        return self.stepper.problem.flow.n_globals
+
+    def _diagnostics(self, x, fields, multipliers) -> dict[str, Array]:
         p = self.stepper.problem
-        values = diagnostics(p.flow, p.mesh, attempt.x, self.stepper.fields(attempt.U))
+        return diagnostics(p.flow, p.mesh, x, fields, multipliers)
+
+    def _record(self, attempt: Attempt, t: float) -> dict[str, float | int]:
+        fields = self.stepper.fields(attempt.U)
+        values = self._diagnostics(attempt.x, fields, attempt.multipliers)
         return {"t": t} | {name: float(value) for name, value in values.items()}
 
     def _judge(self, attempt: Attempt, record: dict[str, float | int], energy: float):
@@ -161,7 +174,7 @@ class Loop:
             return RESULTS.not_finite, 0.25
         if bool(attempt.result != optx.RESULTS.successful):
             return RESULTS.step_too_small, 0.25
-        if record["alignment"] <= 0:
+        if record.get("alignment", 1.0) <= 0:
             return RESULTS.element_inverted, 0.5
         rise = self.controller.energy_tolerance * self._reference()
         if record["energy"] > energy + rise or record["energy"] > self._least + CREEP * rise:

@@ -6,11 +6,11 @@ import jax.numpy as jnp
 import optimistix as optx
 from jaxtyping import Array, Float
 
-from ..flows import AbstractFlow
+from ..flows import AbstractLaw, System
 from ..mesh import SurfaceMesh
 from ._checks import (
     checked_fields,
-    checked_instances,
+    checked_flow,
     checked_nodes,
     checked_order,
     checked_schedule,
@@ -67,7 +67,7 @@ def _is_a_solution(primitive, *_, **__) -> bool:
 
 
 def replay(
-    flow: AbstractFlow,
+    flow: System | AbstractLaw,
     mesh: SurfaceMesh,
     x0: Float[Array, "nodes 3"],
     times: Float[Array, " times"],
@@ -109,7 +109,7 @@ def replay(
     slope = jax.grad(final_area)(0.5)
     ```
     """
-    checked_instances(flow, mesh)
+    flow = checked_flow(flow, mesh)
     checked_order(bdf_order)
     times, x0 = checked_schedule(times), checked_nodes(mesh, x0)
     advance = (
@@ -123,21 +123,8 @@ def replay(
         if stepper is None
         else eqx.tree_at(lambda s: s.problem.flow, stepper, flow)
     )
-    depth = max(bdf_order + 1, 3)
-    fields = flow.initial_fields(mesh, x0, checked_fields(flow, mesh, initial))
-    history = advance.start(times[0], x0, fields, depth)
-
-    def step(history, inputs):
-        w, t = inputs
-        attempt = advance(history, w, t)
-        new = history.push(t, attempt.x, attempt.U, attempt.multipliers)
-        converged = attempt.result == optx.RESULTS.successful
-        return new, (attempt.x, attempt.U, attempt.multipliers, converged)
-
-    if checkpoint:
-        step = jax.checkpoint(step, policy=_is_a_solution)  # pyright: ignore[reportPrivateImportUsage]
-    schedule = _all_weights(times, depth, bdf_order), times[1:]
-    _, (x, U, multipliers, converged) = jax.lax.scan(step, history, schedule)
+    fields = flow.start(mesh, x0, checked_fields(flow, mesh, initial))
+    x, U, multipliers, converged = _run(advance, x0, fields, times, bdf_order, checkpoint)
     return Trajectory(
         times,
         jnp.concatenate([jnp.asarray(x0)[None], x]),
@@ -145,3 +132,24 @@ def replay(
         {name: multipliers[:, k] for k, name in enumerate(flow.global_names)},
         jnp.all(converged),
     )
+
+
+# Compiled once for a kind of flow, a mesh size and a number of times: parameters, nodes and times
+# are arguments, so that a loop over them, or over gradients, compiles in its first round alone.
+@eqx.filter_jit
+def _run(advance: Stepper, x0, fields, times, bdf_order: int, checkpoint: bool):
+    """Nodes, unknowns, multipliers and convergence of every step of a schedule."""
+    depth = max(bdf_order + 1, 3)
+    history = advance.start(times[0], x0, fields, depth)
+
+    def step(history, inputs):
+        w, t = inputs
+        attempt = advance(history, w, t)
+        new = history.push(t, attempt.x, attempt.U, attempt.amounts, attempt.multipliers)
+        converged = attempt.result == optx.RESULTS.successful
+        return new, (attempt.x, attempt.U, attempt.multipliers, converged)
+
+    if checkpoint:
+        step = jax.checkpoint(step, policy=_is_a_solution)  # pyright: ignore[reportPrivateImportUsage]
+    schedule = _all_weights(times, depth, bdf_order), times[1:]
+    return jax.lax.scan(step, history, schedule)[1]

@@ -8,9 +8,9 @@ import jax.numpy as jnp
 import optimistix as optx
 from jaxtyping import Array, Float, Int
 
-from ..fem import rule_for
-from ..flows import AbstractFlow
-from ..linalg import SparseNewton, SparseSolver, block_pattern
+from ..fem import load, rule_for
+from ..flows import SLIP, AbstractLaw, System, Whole, as_system
+from ..linalg import SparseNewton, SparseSolver, TangentGroup, block_pattern
 from ..mesh import SurfaceMesh
 from ..surface import area_radius
 from ._bdf import bdf, extrapolation, padded
@@ -20,14 +20,18 @@ SCHEMES = ("implicit", "linearly-implicit")
 
 
 class History(eqx.Module):
-    """The last accepted states, newest first. Rows that are not yet known repeat the first one."""
+    r"""The last accepted states, newest first. Rows that are not yet known repeat the first one.
+
+    `amounts` holds the vectors $(c, \chi)_\Gamma$ of the conserved fields, each on its own surface.
+    """
 
     times: Float[Array, " depth"]
     x: Float[Array, "depth nodes 3"]
     U: Float[Array, "depth nodes fields"]
+    amounts: Float[Array, "depth nodes conserved"]
     multipliers: Float[Array, "depth globals"]
 
-    def push(self, t, x, U, multipliers) -> "History":
+    def push(self, t, x, U, amounts, multipliers) -> "History":
         """The history after a step; the oldest state leaves."""
 
         def roll(old, new):
@@ -37,6 +41,7 @@ class History(eqx.Module):
             roll(self.times, t),
             roll(self.x, x),
             roll(self.U, U),
+            roll(self.amounts, amounts),
             roll(self.multipliers, multipliers),
         )
 
@@ -78,6 +83,7 @@ class Attempt(eqx.Module):
 
     x: Float[Array, "nodes 3"]
     U: Float[Array, "nodes fields"]
+    amounts: Float[Array, "nodes conserved"]
     multipliers: Float[Array, " globals"]
     result: optx.RESULTS
     error: Float[Array, ""]
@@ -107,7 +113,7 @@ class Stepper(eqx.Module):
 
     def __init__(
         self,
-        flow: AbstractFlow,
+        flow: System | AbstractLaw,
         mesh: SurfaceMesh,
         *,
         scheme: str = "implicit",
@@ -115,12 +121,18 @@ class Stepper(eqx.Module):
         linear_solver: str = "krylov",
         max_newton: int = 12,
     ):
+        flow = as_system(flow)
         if scheme not in SCHEMES:
             raise ValueError(f"`scheme` must be one of {SCHEMES}; got {scheme!r}.")
         if scheme != "implicit" and flow.n_globals:
             raise ValueError(
                 f"The {scheme} scheme has no global unknowns, but the flow has "
                 f"{flow.global_names}; use scheme='implicit'."
+            )
+        if scheme != "implicit" and (flow.implicit_only or not flow.moves):
+            raise ValueError(
+                f"The {scheme} scheme needs equations that are linear where coefficients are "
+                "frozen, on a surface that moves with its unknowns; use scheme='implicit'."
             )
         # An unknown method is refused here, not in the first step.
         SparseSolver(method=linear_solver)
@@ -143,27 +155,45 @@ class Stepper(eqx.Module):
         # Distinct times keep the unused rows of every formula finite.
         times = t0 - jnp.arange(depth, dtype=float)
         multipliers = jnp.zeros(self.problem.flow.n_globals)
-        return History(times, repeat(jnp.asarray(x0)), repeat(U), repeat(multipliers))
+        x0 = jnp.asarray(x0)
+        amounts = self.amounts(x0, U)
+        return History(times, repeat(x0), repeat(U), repeat(amounts), repeat(multipliers))
 
-    def _data(self, history: History, w: Weights, t) -> StepData:
+    def amounts(self, x, U) -> Float[Array, "nodes conserved"]:
+        r"""The vectors $(c, \chi)_\Gamma$ of the conserved fields, by the rule of the weak form."""
+        p = self.problem
+        columns = [jnp.zeros((p.mesh.n_nodes, 0))]
+        for name in p.flow.conserved:
+            fields = {"c": U[:, p.flow.layout.columns(name)][:, 0]}
+            density = lambda _, f, phi, __: (f.c.value * phi)[None]
+            columns.append(load(p.mesh, x, density, fields))
+        return jnp.concatenate(columns, axis=1)
+
+    def data(self, history: History, w: Weights, t) -> StepData:
         p = self.problem
         c = w.derivative
         x_hat = jnp.tensordot(w.hat, history.x, axes=1)
+        if not p.flow.moves:
+            x_hat = p.flow.position(t, history.x[0])
         hat = jnp.tensordot(w.hat, history.U, axes=1)
+        length = jax.lax.stop_gradient(area_radius(p.mesh, history.x[0]))
+        units, nothing = p.flow.units(length), SimpleNamespace()
+        whole = Whole(t, p.mesh, x_hat, self.fields(hat), nothing, units)
         return StepData(
             t=t,
             c0=c[0],
             x_memory=jnp.tensordot(c[1:], history.x, axes=1),
             memory=jnp.tensordot(c[1:], history.U, axes=1),
+            amounts=jnp.tensordot(c[1:], history.amounts, axes=1),
             x_hat=x_hat,
             hat=hat,
-            data=p.flow.nodal_data(p.mesh, t, x_hat, self.fields(hat)),
-            length=jax.lax.stop_gradient(area_radius(p.mesh, history.x[0])),
+            data=p.flow.nodal_data(whole),
+            length=length,
         )
 
     def fields(self, U: Float[Array, "nodes fields"]) -> dict[str, Array]:
         """The unknowns by name."""
-        return self.problem.flow.layout.split(U, axis=1)
+        return _split(self.problem.flow.layout, U)
 
     def _solvers(self, groups, linear: bool):
         # The correction of a linear problem is its solution; Newton corrects what is left.
@@ -176,7 +206,7 @@ class Stepper(eqx.Module):
 
     def __call__(self, history: History, w: Weights, t: Float[Array, ""]) -> Attempt:
         """Step from the history to time `t`; differentiable, forward and reverse."""
-        data = self._data(history, w, t)
+        data = self.data(history, w, t)
         guess = jnp.tensordot(w.guess, history.U, axes=1)
         if self.scheme == "implicit":
             tail = jnp.tensordot(w.guess, history.multipliers, axes=1)
@@ -184,14 +214,34 @@ class Stepper(eqx.Module):
         else:
             x, U, result, stats = self._linear(data, guess)
             multipliers = history.multipliers[0]
-        predicted = jnp.tensordot(w.predictor, history.x, axes=1)
+        error = self.local_error(history, w, x, U, data)
+        amounts = self.amounts(x, U)
+        return Attempt(x, U, amounts, multipliers, result, error, **stats)  # pyright: ignore[reportCallIssue]
+
+    def local_error(self, history: History, w: Weights, x, U, data: StepData):
+        """The largest distance from what the history predicts, relative to sizes, over q + 1.
+
+        Of the nodes relative to the extent of the surface, and of every field that is watched
+        relative to its scale over its weight.
+        """
+        flow = self.problem.flow
         order = jnp.sum(jnp.where(w.derivative != 0, 1.0, 0.0)) - 1.0
-        # Twice the reach from the centre, which does not depend on how the surface is turned.
-        reach = history.x[0] - jnp.mean(history.x[0], axis=0)[None, :]
-        extent = 2 * jnp.max(jnp.linalg.norm(_safe(reach), axis=1))
-        error = jnp.max(jnp.linalg.norm(_safe(x - predicted), axis=1)) / ((order + 1) * extent)
-        error = jnp.where(jnp.all(jnp.isfinite(x)), error, jnp.inf)
-        return Attempt(x, U, multipliers, result, error, **stats)  # pyright: ignore[reportCallIssue]
+        worst = jnp.zeros(())
+        if flow.moves:
+            predicted = jnp.tensordot(w.predictor, history.x, axes=1)
+            # Twice the reach from the centre, which does not depend on how the surface is turned.
+            reach = history.x[0] - jnp.mean(history.x[0], axis=0)[None, :]
+            extent = 2 * jnp.max(jnp.linalg.norm(_safe(reach), axis=1))
+            worst = jnp.max(jnp.linalg.norm(_safe(x - predicted), axis=1)) / extent
+        units = flow.units(data.length)
+        for field in flow.fields:
+            if field.error_weight:
+                columns = flow.layout.columns(field.name)
+                predicted = jnp.tensordot(w.predictor, history.U[:, :, columns], axes=1)
+                change = jnp.max(jnp.abs(U[:, columns] - predicted))
+                worst = jnp.maximum(worst, field.error_weight * change / field.scale(units))
+        finite = jnp.all(jnp.isfinite(x)) & jnp.all(jnp.isfinite(U))
+        return jnp.where(finite, worst / (order + 1), jnp.inf)
 
     def _implicit(self, data, guess, multipliers):
         flow = self.problem.flow
@@ -233,6 +283,12 @@ class Stepper(eqx.Module):
         return (velocity - data.x_memory) / data.c0, known, result, totals
 
 
+@eqx.filter_jit
+def _split(layout, U) -> dict[str, Array]:
+    # Compiled as one: on the host every slice would be a program of its own.
+    return layout.split(U, axis=1)
+
+
 def _residual(y, system):
     return system.residual(y)
 
@@ -252,10 +308,17 @@ def _stats(solution) -> dict[str, Array]:
 
 
 def column_groups(layout, stages) -> tuple:
-    """Groups of columns for the preconditioner: one copy per component of equal-sized fields."""
+    """Groups of columns for the preconditioner: one copy per component of equal-sized fields.
+
+    The tangential velocity and its multiplier are solved in nodal frames.
+    """
     groups = []
     for stage in stages:
         spans = [range(*layout.columns(name).indices(layout.width)) for name in stage]
+        if stage[0] == SLIP and [len(span) for span in spans] == [3, 1]:
+            w1, w2, w3 = spans[0]
+            groups.append(TangentGroup((w1, w2, w3), spans[1][0]))
+            continue
         if len({len(span) for span in spans}) == 1:
             groups.append(tuple(zip(*spans, strict=True)))
         else:

@@ -9,7 +9,7 @@ import numpy as np
 from jaxtyping import Array, Float, Int
 
 from ..evolve import RESULTS as ENDS, Stepper, Trajectory, evolve, replay
-from ..flows import AbstractFlow
+from ..flows import AbstractLaw, System
 from ..mesh import SurfaceMesh
 from ..surface._distance import distance_to_cells
 from ._descend import Aux
@@ -18,7 +18,7 @@ from ._results import RESULTS
 from ._shape_residuals import NOWHERE
 from ._targets import Observed
 
-Build = Callable[[dict[str, Array]], AbstractFlow]
+Build = Callable[[dict[str, Array]], System | AbstractLaw]
 
 
 class FlowResiduals(eqx.Module):

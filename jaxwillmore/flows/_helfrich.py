@@ -1,4 +1,4 @@
-r"""Canham–Helfrich flow with moduli and spontaneous curvature that the surface carries.
+r"""Canham–Helfrich flow with moduli and spontaneous curvature that vary over the surface.
 
 For $E = \int \tfrac b2 (H - H_0)^2 + b_k K$, $b = 2 b_b$, with fields that stay on their material
 points, $\partial^\bullet b = \partial^\bullet H_0 = \partial^\bullet b_k = 0$ along $V\nu$, the L²
@@ -13,31 +13,32 @@ quadrature point. Every function below is one equation at one quadrature point, 
 right side. For constant fields, $g = b z$ and the system is that of `WillmoreFlow`, term by term.
 """
 
-from collections.abc import Callable
-from types import SimpleNamespace
-from typing import Any, ClassVar
+from typing import Any
 
 import equinox as eqx
-import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
-from ..energies import CanhamHelfrich, finite_field, non_negative, on_nodes, positive_field
-from ..fem import Jet, Layout, inner, trace
-from ..surface import (
-    nodal_weingarten_squared,
-    recover_mean_curvature,
-    recover_normal,
-    weingarten,
-)
-from ._base import AbstractFlow
+from ..energies import CanhamHelfrich, modulus_at, modulus_jet, non_negative
+from ..fem import Jet, inner, trace
+from ..surface import gaussian_curvature, nodal_weingarten_squared, weingarten
 from ._consistency import (
     checked_weight,
     consistency_weight,
     mean_curvature_consistency,
     normal_consistency,
 )
+from ._geometry import (
+    geometric_fields,
+    geometry_record,
+    normal_motion,
+    recovered_geometry,
+    speed_at_rest,
+)
+from ._law import AbstractLaw, Field, Local, Statement, Whole
 from ._willmore import check_resolution, mean_curvature_equation
+
+PARAMETERS = ("bending_modulus", "spontaneous_curvature", "gaussian_modulus")
 
 
 def potential_gradient(H: Jet, b: Jet, H0: Jet) -> Float[Array, "3"]:
@@ -102,15 +103,16 @@ def gaussian_force_equation(q: Jet, hat, b_k: Jet, chi: Jet) -> Float[Array, ""]
     return q.value * chi.value + inner(flux, chi.grad)
 
 
-class HelfrichFlow(AbstractFlow):
-    r"""Canham–Helfrich flow with parameters that are numbers or fields on the nodes.
+class HelfrichFlow(AbstractLaw):
+    r"""Canham–Helfrich flow with parameters that are numbers, fields, or depend on a concentration.
 
     $$ V = \Delta_\Gamma(b (H - H_0)) + |A|^2 b (H - H_0) - \tfrac12 b H (H - H_0)^2
        + \nabla_\Gamma\cdot((H I - A) \nabla_\Gamma b_k) + f, \qquad b = 2 b_b $$
 
-    Unknowns are $H, V, \nu, g$ and, where $b_k$ is a field, $q$. Nodes move with $V\nu$ and carry
-    the fields along. The consistency terms are those of `WillmoreFlow`, with the weight
-    $\alpha = c \max(b |A_h|^4)$.
+    with the normal force $f$ of the other laws of its system. Unknowns are $H, V, \nu, g$ and,
+    where $b_k$ varies, $q$. Nodes move with $V\nu$ and carry nodal fields along; functions of the
+    concentration $c$ are evaluated at the quadrature points. The consistency terms are those of
+    `WillmoreFlow`, with the weight $\alpha = c \max(b |A_h|^4)$.
 
     **Arguments:**
 
@@ -118,14 +120,17 @@ class HelfrichFlow(AbstractFlow):
     - `spontaneous_curvature`: $H_0$, 1/length, for the sum of the principal curvatures.
     - `gaussian_modulus`: $b_k$, energy. A number does nothing on a closed surface but add
       $2\pi\chi\,b_k$ to the energy.
-    - `consistency`, `consistency_weight`, `forcing`: as in `WillmoreFlow`.
+    - `consistency`, `consistency_weight`: as in `WillmoreFlow`.
+
+    Each of the three is a number, an array with one number for every node, a `Mixture`, or another
+    function of $c$ (give an `eqx.Module` to keep its parameters differentiable).
 
     **Raises:** `ValueError` for a modulus that is not positive, a negative `consistency`, or a
-    parameter that is not finite; when a run starts, for a field that does not have one number for
-    every node, and for an $H_0$ beyond the inverse distance between the nodes.
+    parameter that is not finite; for a function of $c$ in a system without one; when a run starts,
+    for a field that does not have one number for every node, and for an $H_0$ beyond the inverse
+    distance between the nodes.
 
-    *Limits:* jumps in the fields are smeared over a triangle. Inside `MinimalDeformation`, where
-    nodes slip past the material, the fields become unknowns.
+    *Limits:* jumps in the fields are smeared over a triangle.
 
     ```python
     stiff = 0.5 + 0.2 * x[:, 2]
@@ -133,16 +138,9 @@ class HelfrichFlow(AbstractFlow):
     ```
     """
 
-    # No shape in the annotation: a number, or one for every node, each on its own.
-    bending_modulus: Float[Array, "..."]
-    spontaneous_curvature: Float[Array, "..."]
-    gaussian_modulus: Float[Array, "..."]
+    energy: CanhamHelfrich
     consistency: Float[Array, ""]
-    forcing: Callable | None
     consistency_weight: str = eqx.field(static=True)
-
-    evolving: ClassVar[tuple[str, ...]] = ("H", "nu")
-    global_names: ClassVar[tuple[str, ...]] = ()
 
     def __init__(
         self,
@@ -150,120 +148,124 @@ class HelfrichFlow(AbstractFlow):
         spontaneous_curvature: Any = 0.0,
         gaussian_modulus: Any = 0.0,
         consistency=6.0,
-        forcing=None,
         consistency_weight="global",
     ):
-        self.bending_modulus = positive_field("bending_modulus", bending_modulus)
-        self.spontaneous_curvature = finite_field("spontaneous_curvature", spontaneous_curvature)
-        self.gaussian_modulus = finite_field("gaussian_modulus", gaussian_modulus)
+        self.energy = CanhamHelfrich(bending_modulus, gaussian_modulus, spontaneous_curvature)
         self.consistency = non_negative("consistency", consistency)
-        self.forcing = forcing
         self.consistency_weight = checked_weight(consistency_weight)
 
-    @property
-    def carried(self) -> dict[str, Array]:
-        names = ("bending_modulus", "spontaneous_curvature", "gaussian_modulus")
-        return {name: getattr(self, name) for name in names if getattr(self, name).ndim}
+    def statement(self):
+        fields = geometric_fields(self._mean_curvature, self._velocity, self._normal, self._time)
+        size = lambda u: u.length**2 / self._time(u.length)
+        fields += (Field("g", self._potential_gradient, size, components=3),)
+        stages = (("nu", "g"), ("H", "V"))
+        if self._has_gaussian_force:
+            speed = lambda u: u.length / self._time(u.length)
+            fields += (Field("q", self._gaussian_force, speed),)
+            stages = (("q",), *stages)
+        mixed = self._mixed
+        return Statement(
+            fields=fields,
+            stages=stages,
+            reads=("c",) if mixed else (),
+            start=self._start,
+            velocity=normal_motion,
+            density=self._density if mixed else None,
+            data={"alpha": self._weight},
+            carried=self._carried,
+            energy=self.energy,
+            length_time=self._time,
+            record=geometry_record,
+            activity=speed_at_rest(self._time),
+            implicit_only=bool(mixed),
+        )
 
-    def with_carried(self, fields):
-        names = [name for name in self.carried if name in fields]
-        if not names:
-            return self
-        where = lambda flow: [getattr(flow, name) for name in names]
-        return eqx.tree_at(where, self, [fields[name] for name in names])
+    @property
+    def _parameters(self) -> dict[str, Any]:
+        return {name: getattr(self.energy, name) for name in PARAMETERS}
+
+    @property
+    def _mixed(self) -> list[str]:
+        """The parameters that depend on the concentration."""
+        return [name for name, p in self._parameters.items() if callable(p)]
+
+    @property
+    def _carried(self) -> dict[str, Array]:
+        """The parameters that sit on the nodes."""
+        return {n: p for n, p in self._parameters.items() if not callable(p) and p.ndim}
 
     @property
     def _has_gaussian_force(self) -> bool:
-        return "gaussian_modulus" in self.carried
+        b_k = self.energy.gaussian_modulus
+        return callable(b_k) or b_k.ndim == 1
 
-    @property
-    def layout(self) -> Layout:
-        if self._has_gaussian_force:
-            return Layout(("H", "V", "nu", "g", "q"), (1, 1, 3, 3, 1))
-        return Layout(("H", "V", "nu", "g"), (1, 1, 3, 3))
+    def _jet(self, s: Local, name: str) -> Jet:
+        parameter = self._parameters[name]
+        if callable(parameter):
+            return modulus_jet(parameter, s.hat.c)
+        return getattr(s.data, name) if parameter.ndim else Jet(parameter, jnp.zeros(3))
 
-    @property
-    def data(self) -> Layout:
-        names = ("alpha", "force", "bending_modulus", "spontaneous_curvature")
-        names = (*names, "gaussian_modulus") if self._has_gaussian_force else names
-        return Layout(names, (1,) * len(names))
+    def _bending(self, s: Local) -> tuple[Jet, Jet]:
+        """b = 2 b_b and H₀."""
+        b_b, H0 = (self._jet(s, name) for name in PARAMETERS[:2])
+        return Jet(2 * b_b.value, 2 * b_b.grad), H0
 
-    @property
-    def stages(self) -> tuple[tuple[str, ...], ...]:
-        first = (("q",),) if self._has_gaussian_force else ()
-        return (*first, ("nu", "g"), ("H", "V"))
+    def _force(self, s: Local, b: Jet, H0: Jet):
+        Q = lower_order_force(s.hat, b, H0) + s.force()
+        # An earlier stage has solved for q; its extrapolation is not known in the first step.
+        return Q + s.trial.q.value if self._has_gaussian_force else Q
 
-    def equation(self, name, point, rate, hat, trial, data, chi):
-        b_b, H0 = data.bending_modulus, data.spontaneous_curvature
-        b = Jet(2 * b_b.value, 2 * b_b.grad)
-        if name == "H":
-            return mean_curvature_equation(rate.H, trial.V, hat, chi) + (
-                mean_curvature_consistency(trial.H, trial.nu, data.alpha, chi)
-            )
-        if name == "g":
-            return potential_gradient_equation(trial.g, trial.nu, hat, b, H0, chi)
-        if name == "q":
-            return gaussian_force_equation(trial.q, hat, data.gaussian_modulus, chi)
-        Q = lower_order_force(hat, b, H0) + data.force.value
-        if self._has_gaussian_force:
-            # An earlier stage has solved for q; its extrapolation is not known in the first step.
-            Q = Q + trial.q.value
-        if name == "V":
-            grad_U = potential_gradient(trial.H, b, H0)
-            return potential_velocity_equation(trial.V, grad_U, Q, chi)
-        grad_U = potential_gradient(hat.H, b, H0)
-        return potential_normal_equation(rate.nu, trial.g, hat, grad_U, Q, chi) + (
-            normal_consistency(trial.nu, point, data.alpha, chi)
+    def _mean_curvature(self, s: Local, chi: Jet):
+        return mean_curvature_equation(s.rate.H, s.trial.V, s.hat, chi) + (
+            mean_curvature_consistency(s.trial.H, s.trial.nu, s.data.alpha, chi)
         )
 
-    def velocity(self, nodal: SimpleNamespace) -> Float[Array, "3"]:
-        return nodal.V * nodal.nu
+    def _velocity(self, s: Local, chi: Jet):
+        b, H0 = self._bending(s)
+        grad_U = potential_gradient(s.trial.H, b, H0)
+        return potential_velocity_equation(s.trial.V, grad_U, self._force(s, b, H0), chi)
 
-    def closures(self, mesh, t, x, fields, multipliers):
-        return jnp.zeros(0)
-
-    def global_scales(self, length):
-        return jnp.zeros(0)
-
-    def nodal_data(self, mesh, t, x, fields):
-        b_b = on_nodes("bending_modulus", self.bending_modulus, mesh)
-        H0 = on_nodes("spontaneous_curvature", self.spontaneous_curvature, mesh)
-        curvature = 2 * b_b * nodal_weingarten_squared(mesh, x, fields["nu"]) ** 2
-        alpha = consistency_weight(self.consistency_weight, self.consistency, curvature)
-        force = jnp.zeros(mesh.n_nodes)
-        forcing = self.forcing
-        if forcing is not None:
-            force = jax.vmap(lambda p: forcing(t, p))(x)
-        columns = [alpha, force, b_b, H0]
-        if self._has_gaussian_force:
-            columns.append(on_nodes("gaussian_modulus", self.gaussian_modulus, mesh))
-        return jnp.stack(columns, axis=1)
-
-    def initial_fields(self, mesh, x, given):
-        for name in self.carried:
-            on_nodes(name, getattr(self, name), mesh)
-        check_resolution(jnp.max(jnp.abs(self.spontaneous_curvature)), mesh, x)
-        nu = given["nu"] if "nu" in given else recover_normal(mesh, x)
-        H = given["H"] if "H" in given else recover_mean_curvature(mesh, x)
-        return {"H": H, "nu": nu}
-
-    def energy(self, mesh, x):
-        return self._bending_energy()(mesh, x)
-
-    def energy_scale(self, mesh, x):
-        return self._bending_energy().scale(mesh, x)
-
-    def _bending_energy(self):
-        return CanhamHelfrich(
-            self.bending_modulus, self.gaussian_modulus, self.spontaneous_curvature
+    def _normal(self, s: Local, chi: Jet):
+        b, H0 = self._bending(s)
+        grad_U, Q = potential_gradient(s.hat.H, b, H0), self._force(s, b, H0)
+        return potential_normal_equation(s.rate.nu, s.trial.g, s.hat, grad_U, Q, chi) + (
+            normal_consistency(s.trial.nu, s.point, s.data.alpha, chi)
         )
 
-    def scales(self, length):
-        b = 2 * jnp.mean(self.bending_modulus)
-        one = jnp.ones(())
-        H, V, nu, g = 1 / length, b / length**3, one, b / length**2
-        tail = [V] if self._has_gaussian_force else []
-        return jnp.stack([H, V, nu, nu, nu, g, g, g, *tail])
+    def _potential_gradient(self, s: Local, chi: Jet):
+        b, H0 = self._bending(s)
+        return potential_gradient_equation(s.trial.g, s.trial.nu, s.hat, b, H0, chi)
 
-    def time_scale(self, length):
-        return length**4 / (2 * jnp.mean(self.bending_modulus))
+    def _gaussian_force(self, s: Local, chi: Jet):
+        return gaussian_force_equation(s.trial.q, s.hat, self._jet(s, "gaussian_modulus"), chi)
+
+    def _density(self, s: Local, c: Jet):
+        r"""$b_b (H - H_0)^2 + b_k K$ as a function of the concentration."""
+        nodal = {name: getattr(s.data, name) for name in self._carried}
+        return self.energy.density(c, s.hat.H.value, gaussian_curvature(s.A), nodal)
+
+    def _weight(self, s: Whole):
+        b_b = self.energy.bending_modulus
+        b_b = s.fields.get(
+            "bending_modulus", modulus_at(b_b, s.fields["c"]) if callable(b_b) else b_b
+        )
+        A2 = nodal_weingarten_squared(s.mesh, s.x, s.fields["nu"])
+        return consistency_weight(
+            self.consistency_weight, self.consistency, jnp.broadcast_to(2 * b_b, A2.shape) * A2**2
+        )
+
+    def _start(self, mesh, x, given):
+        for H0 in _ends(self.energy.spontaneous_curvature):
+            check_resolution(jnp.max(jnp.abs(H0)), mesh, x)
+        return recovered_geometry(mesh, x, given)
+
+    def _time(self, length):
+        b_b = jnp.stack([jnp.mean(b) for b in _ends(self.energy.bending_modulus)])
+        return length**4 / (2 * jnp.mean(b_b))
+
+
+def _ends(parameter) -> tuple:
+    """A parameter, or a function of the concentration in both pure phases."""
+    if not callable(parameter):
+        return (parameter,)
+    return tuple(jnp.asarray(parameter(jnp.asarray(c)), float) for c in (0.0, 1.0))

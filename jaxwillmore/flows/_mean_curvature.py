@@ -1,30 +1,34 @@
 r"""Mean curvature flow and its generalisations $V = -F(H)$, with $H$ and $\nu$ as unknowns."""
 
 from collections.abc import Callable
-from types import SimpleNamespace
-from typing import ClassVar
 
-import equinox as eqx
 import jax
 import jax.numpy as jnp
+import numpy as np
+from jax.core import Tracer
 from jaxtyping import Array, Float
 
-from ..energies import non_negative
-from ..fem import Jet, Layout, inner
-from ..surface import (
-    area,
-    nodal_weingarten_squared,
-    recover_mean_curvature,
-    recover_normal,
-    weingarten,
-)
-from ._base import AbstractFlow
+from .._functions import as_data
+from ..energies import SurfaceTension, non_negative
+from ..fem import Jet, inner
+from ..surface import nodal_weingarten_squared, weingarten
 from ._consistency import (
     consistency_weight,
     mean_curvature_consistency,
     normal_consistency,
 )
+from ._geometry import (
+    geometric_fields,
+    geometry_record,
+    normal_motion,
+    recovered_geometry,
+    speed_at_rest,
+)
+from ._law import AbstractLaw, Local, Statement
 from ._willmore import mean_curvature_equation
+
+# Mean curvatures at which the sign of F decides whether the law shrinks the area.
+SAMPLES = np.array([0.01, 0.1, 1.0, 10.0, 100.0])
 
 
 def speed_equation(V: Jet, F: Float[Array, ""], chi: Jet) -> Float[Array, ""]:
@@ -50,7 +54,7 @@ def identity(H):
     return H
 
 
-class MeanCurvatureFlow(AbstractFlow):
+class MeanCurvatureFlow(AbstractLaw):
     r"""$V = -F(H)$ with increasing $F$; mean curvature flow for $F(H) = H$.
 
     Inverse mean curvature flow is $F(H) = -1/H$, powers are $F(H) = H^a$, both on surfaces with
@@ -61,6 +65,9 @@ class MeanCurvatureFlow(AbstractFlow):
     - `speed`: $F$, a function of one number; `None` means $F(H) = H$.
     - `consistency`: factor $c$ of the consistency terms, $\alpha = c\,\max F'(H)|A_h|^2$.
 
+    The area falls where $F(H) H \ge 0$; a law with $F < 0$ somewhere on $H > 0$, such as inverse
+    mean curvature flow, lowers no energy, and steps are not rejected for a rise of the area.
+
     *Limits:* mean curvature flow of a sphere ends in a point at $t = R^2/4$; stop before.
 
     **Raises:** `ValueError` for a negative `consistency`.
@@ -70,67 +77,55 @@ class MeanCurvatureFlow(AbstractFlow):
         *IMA J. Numer. Anal.* 43, 2959–3003 (generalised).
     """
 
-    speed: Callable = eqx.field(static=True)
+    speed: Callable
     consistency: Float[Array, ""]
 
-    layout: ClassVar[Layout] = Layout(("H", "V", "nu"), (1, 1, 3))
-    evolving: ClassVar[tuple[str, ...]] = ("H", "nu")
-    data: ClassVar[Layout] = Layout(("alpha", "force"), (1, 1))
-    global_names: ClassVar[tuple[str, ...]] = ()
-    stages: ClassVar[tuple[tuple[str, ...], ...]] = (("nu",), ("H", "V"))
-
     def __init__(self, speed=None, consistency=6.0):
-        self.speed = identity if speed is None else speed
+        self.speed = identity if speed is None else as_data(speed)
         self.consistency = non_negative("consistency", consistency)
 
-    def equation(self, name, point, rate, hat, trial, data, chi):
-        force, H = data.force.value, hat.H.value
-        F, slope = jax.value_and_grad(self.speed)(H)
-        if name == "H":
-            return mean_curvature_equation(rate.H, trial.V, hat, chi) + (
-                mean_curvature_consistency(trial.H, trial.nu, data.alpha, chi)
-            )
-        if name == "V":
-            # Linear in the trial field, exact when hat and trial agree.
-            return speed_equation(trial.V, F + slope * (trial.H.value - H) - force, chi)
-        return parabolic_normal_equation(rate.nu, trial.nu, hat, slope, chi) + (
-            normal_consistency(trial.nu, point, data.alpha, chi) / slope
+    def statement(self):
+        def time(length):
+            return length**2 / jnp.abs(jax.grad(self.speed)(2 / length))
+
+        return Statement(
+            fields=geometric_fields(self._mean_curvature, self._velocity, self._normal, time),
+            stages=(("nu",), ("H", "V")),
+            start=recovered_geometry,
+            velocity=normal_motion,
+            data={"alpha": self._weight},
+            energy=SurfaceTension(1.0),
+            lowers_energy=self._shrinks(),
+            length_time=time,
+            record=geometry_record,
+            activity=speed_at_rest(time),
         )
 
-    def velocity(self, nodal: SimpleNamespace) -> Float[Array, "3"]:
-        return nodal.V * nodal.nu
+    def _shrinks(self) -> bool:
+        if self.speed is identity:
+            return True
+        values = [self.speed(jnp.asarray(H)) for H in SAMPLES]
+        # Where a parameter of F is traced nothing is known, and nothing is rejected either.
+        return all(not isinstance(F, Tracer) and float(F) >= 0 for F in values)
 
-    def closures(self, mesh, t, x, fields, multipliers):
-        return jnp.zeros(0)
+    def _mean_curvature(self, s: Local, chi: Jet):
+        return mean_curvature_equation(s.rate.H, s.trial.V, s.hat, chi) + (
+            mean_curvature_consistency(s.trial.H, s.trial.nu, s.data.alpha, chi)
+        )
 
-    def global_scales(self, length):
-        return jnp.zeros(0)
+    def _velocity(self, s: Local, chi: Jet):
+        H = s.hat.H.value
+        F, slope = jax.value_and_grad(self.speed)(H)
+        # Linear in the trial field, exact when hat and trial agree.
+        return speed_equation(s.trial.V, F + slope * (s.trial.H.value - H) - s.force(), chi)
 
-    def nodal_data(self, mesh, t, x, fields):
-        A2 = nodal_weingarten_squared(mesh, x, fields["nu"])
-        slope = jax.vmap(jax.grad(self.speed))(fields["H"])
-        alpha = consistency_weight("global", self.consistency, slope * A2)
-        return jnp.stack([alpha, jnp.zeros(mesh.n_nodes)], axis=1)
+    def _normal(self, s: Local, chi: Jet):
+        slope = jax.grad(self.speed)(s.hat.H.value)
+        return parabolic_normal_equation(s.rate.nu, s.trial.nu, s.hat, slope, chi) + (
+            normal_consistency(s.trial.nu, s.point, s.data.alpha, chi) / slope
+        )
 
-    def initial_fields(self, mesh, x, given):
-        nu = given["nu"] if "nu" in given else recover_normal(mesh, x)
-        H = given["H"] if "H" in given else recover_mean_curvature(mesh, x)
-        return {"H": H, "nu": nu}
-
-    def with_carried(self, fields):
-        return self
-
-    def energy(self, mesh, x):
-        return area(mesh, x)
-
-    def energy_scale(self, mesh, x):
-        return area(mesh, x)
-
-    def scales(self, length):
-        one = jnp.ones(())
-        V = length / self.time_scale(length)
-        return jnp.stack([1 / length, V, one, one, one])
-
-    def time_scale(self, length):
-        slope = jnp.abs(jax.grad(self.speed)(2 / length))
-        return length**2 / slope
+    def _weight(self, s):
+        A2 = nodal_weingarten_squared(s.mesh, s.x, s.fields["nu"])
+        slope = jax.vmap(jax.grad(self.speed))(s.fields["H"])
+        return consistency_weight("global", self.consistency, slope * A2)

@@ -11,32 +11,28 @@ they are all here.
 """
 
 import math
-from collections.abc import Callable
-from types import SimpleNamespace
-from typing import ClassVar
 
 import equinox as eqx
-import jax
-import jax.numpy as jnp
 from jax.core import Tracer
 from jaxtyping import Array, Float
 
 from ..energies import CanhamHelfrich, finite, non_negative, positive
-from ..fem import Jet, Layout, inner, trace
-from ..surface import (
-    area,
-    nodal_weingarten_squared,
-    recover_mean_curvature,
-    recover_normal,
-    weingarten,
-)
-from ._base import AbstractFlow
+from ..fem import Jet, inner, trace
+from ..surface import area, nodal_weingarten_squared, weingarten
 from ._consistency import (
     checked_weight,
     consistency_weight,
     mean_curvature_consistency,
     normal_consistency,
 )
+from ._geometry import (
+    geometric_fields,
+    geometry_record,
+    normal_motion,
+    recovered_geometry,
+    speed_at_rest,
+)
+from ._law import AbstractLaw, Field, Local, Statement
 
 
 def mean_curvature_equation(rate, V: Jet, hat, chi: Jet) -> Float[Array, ""]:
@@ -82,13 +78,14 @@ def auxiliary_normal_equation(z: Jet, nu: Jet, hat, chi: Jet) -> Float[Array, ""
     )
 
 
-class WillmoreFlow(AbstractFlow):
+class WillmoreFlow(AbstractLaw):
     r"""Willmore flow and its Canham–Helfrich generalisation with constant coefficients.
 
     $$ V = 2 b_b\,[\Delta_\Gamma H + |A|^2 (H - H_0) - \tfrac12 H (H - H_0)^2] + f $$
 
-    Unknowns are $H, V, \nu, z$ with $z = \Delta\nu + |A|^2\nu$ ($= \nabla H$), all in the Lagrange
-    space of the surface; nodes move with $V\nu$.
+    with the normal force $f$ of the other laws of its system. Unknowns are $H, V, \nu, z$ with
+    $z = \Delta\nu + |A|^2\nu$ ($= \nabla H$), all in the Lagrange space of the surface; nodes move
+    with $V\nu$.
 
     The plain system ties $H_h$, $\nu_h$ and $x_h$ only through the evolution and is linearly
     unstable off that manifold: on the unit sphere $|\nu_h| - 1$ grows at rate $+8$. Two consistency
@@ -104,8 +101,6 @@ class WillmoreFlow(AbstractFlow):
     - `consistency`: $c$; 0 switches the consistency terms off, and below about 4 they are too weak.
     - `consistency_weight`: `"global"` (the maximum as a power mean of order 16, which has
       derivatives), or `"local"` for $\alpha = c\,2b_b\,|A_h|^4$ node by node.
-    - `forcing`: a function `(t, x) -> scalar` of time and one point: a normal velocity $f$ added to
-      the law (manufactured solutions, external fields). It is evaluated at the extrapolated nodes.
 
     **Raises:** `ValueError` for a modulus that is not positive, a negative `consistency`, or a
     parameter that is not one finite number; when a run starts, for an $H_0$ beyond the inverse
@@ -118,28 +113,37 @@ class WillmoreFlow(AbstractFlow):
     bending_modulus: Float[Array, ""]
     spontaneous_curvature: Float[Array, ""]
     consistency: Float[Array, ""]
-    forcing: Callable | None
     consistency_weight: str = eqx.field(static=True)
-
-    layout: ClassVar[Layout] = Layout(("H", "V", "nu", "z"), (1, 1, 3, 3))
-    evolving: ClassVar[tuple[str, ...]] = ("H", "nu")
-    data: ClassVar[Layout] = Layout(("alpha", "force"), (1, 1))
-    global_names: ClassVar[tuple[str, ...]] = ()
-    stages: ClassVar[tuple[tuple[str, ...], ...]] = (("nu", "z"), ("H", "V"))
 
     def __init__(
         self,
         bending_modulus=0.5,
         spontaneous_curvature=0.0,
         consistency=6.0,
-        forcing=None,
         consistency_weight="global",
     ):
         self.bending_modulus = positive("bending_modulus", bending_modulus)
         self.spontaneous_curvature = finite("spontaneous_curvature", spontaneous_curvature)
         self.consistency = non_negative("consistency", consistency)
-        self.forcing = forcing
         self.consistency_weight = checked_weight(consistency_weight)
+
+    def statement(self):
+        def time(length):
+            return length**4 / (2 * self.bending_modulus)
+
+        fields = geometric_fields(self._mean_curvature, self._velocity, self._normal, time)
+        z = Field("z", self._auxiliary_normal, lambda u: 1 / u.length**2, components=3)
+        return Statement(
+            fields=(*fields, z),
+            stages=(("nu", "z"), ("H", "V")),
+            start=self._start,
+            velocity=normal_motion,
+            data={"alpha": self._weight},
+            energy=CanhamHelfrich(self.bending_modulus, 0.0, self.spontaneous_curvature),
+            length_time=time,
+            record=geometry_record,
+            activity=speed_at_rest(time),
+        )
 
     def force(self, hat) -> Float[Array, ""]:
         r"""$Q = b\,[|A|^2 (H - H_0) - \tfrac12 H (H - H_0)^2]$, the lower-order part of the law."""
@@ -147,68 +151,32 @@ class WillmoreFlow(AbstractFlow):
         excess = H - self.spontaneous_curvature
         return 2 * self.bending_modulus * (inner(A, A) * excess - 0.5 * H * excess**2)
 
-    def equation(self, name, point, rate, hat, trial, data, chi):
-        b = 2 * self.bending_modulus
-        if name == "H":
-            return mean_curvature_equation(rate.H, trial.V, hat, chi) + (
-                mean_curvature_consistency(trial.H, trial.nu, data.alpha, chi)
-            )
-        if name == "V":
-            Q = self.force(hat) + data.force.value
-            return normal_velocity_equation(trial.V, trial.H, b, Q, chi)
-        if name == "nu":
-            Q = self.force(hat) + data.force.value
-            return normal_equation(rate.nu, trial.z, hat, b, Q, chi) + (
-                normal_consistency(trial.nu, point, data.alpha, chi)
-            )
-        return auxiliary_normal_equation(trial.z, trial.nu, hat, chi)
+    def _mean_curvature(self, s: Local, chi: Jet):
+        return mean_curvature_equation(s.rate.H, s.trial.V, s.hat, chi) + (
+            mean_curvature_consistency(s.trial.H, s.trial.nu, s.data.alpha, chi)
+        )
 
-    def velocity(self, nodal: SimpleNamespace) -> Float[Array, "3"]:
-        """(10e)  v = V ν, node by node."""
-        return nodal.V * nodal.nu
+    def _velocity(self, s: Local, chi: Jet):
+        b, Q = 2 * self.bending_modulus, self.force(s.hat) + s.force()
+        return normal_velocity_equation(s.trial.V, s.trial.H, b, Q, chi)
 
-    def closures(self, mesh, t, x, fields, multipliers):
-        return jnp.zeros(0)
+    def _normal(self, s: Local, chi: Jet):
+        b, Q = 2 * self.bending_modulus, self.force(s.hat) + s.force()
+        return normal_equation(s.rate.nu, s.trial.z, s.hat, b, Q, chi) + (
+            normal_consistency(s.trial.nu, s.point, s.data.alpha, chi)
+        )
 
-    def global_scales(self, length):
-        return jnp.zeros(0)
+    def _auxiliary_normal(self, s: Local, chi: Jet):
+        return auxiliary_normal_equation(s.trial.z, s.trial.nu, s.hat, chi)
 
-    def nodal_data(self, mesh, t, x, fields):
-        A2 = nodal_weingarten_squared(mesh, x, fields["nu"])
+    def _weight(self, s):
+        A2 = nodal_weingarten_squared(s.mesh, s.x, s.fields["nu"])
         rate = self.consistency * 2 * self.bending_modulus
-        alpha = consistency_weight(self.consistency_weight, rate, A2**2)
-        force = jnp.zeros(mesh.n_nodes)
-        forcing = self.forcing
-        if forcing is not None:
-            force = jax.vmap(lambda p: forcing(t, p))(x)
-        return jnp.stack([alpha, force], axis=1)
+        return consistency_weight(self.consistency_weight, rate, A2**2)
 
-    def initial_fields(self, mesh, x, given):
+    def _start(self, mesh, x, given):
         check_resolution(self.spontaneous_curvature, mesh, x)
-        nu = given["nu"] if "nu" in given else recover_normal(mesh, x)
-        H = given["H"] if "H" in given else recover_mean_curvature(mesh, x)
-        return {"H": H, "nu": nu}
-
-    def with_carried(self, fields):
-        return self
-
-    def energy(self, mesh, x):
-        return self._bending_energy()(mesh, x)
-
-    def energy_scale(self, mesh, x):
-        return self._bending_energy().scale(mesh, x)
-
-    def _bending_energy(self):
-        return CanhamHelfrich(self.bending_modulus, 0.0, self.spontaneous_curvature)
-
-    def scales(self, length):
-        b = 2 * self.bending_modulus
-        one = jnp.ones(())
-        H, V, nu, z = 1 / length, b / length**3, one, 1 / length**2
-        return jnp.stack([H, V, nu, nu, nu, z, z, z])
-
-    def time_scale(self, length):
-        return length**4 / (2 * self.bending_modulus)
+        return recovered_geometry(mesh, x, given)
 
 
 def check_resolution(H0, mesh, x):

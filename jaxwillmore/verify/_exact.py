@@ -117,7 +117,7 @@ class MovingEllipsoid(eqx.Module):
 
     The points $x = (a_1 n_1, a_2 n_2, a_3 n_3)$ of the parametrisation by the unit sphere move
     with normal velocity $V = \nu\cdot\dot x$. `forcing` is what has to be added to the law for
-    this; pass it as `WillmoreFlow(forcing=exact.forcing)`. The nodes of the flow move with
+    this; pass it as `Forcing(exact.forcing)`. The nodes of the flow move with
     $V\nu$ alone, so compare surfaces, not nodes.
 
     **Arguments:**

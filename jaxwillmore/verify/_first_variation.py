@@ -80,7 +80,7 @@ class CarriedLineEnergy(AbstractEnergy):
         slope = jax.grad(self.potential)(c.value)
         return slope * change.value + self.gradient_coefficient * inner(c.grad, change.grad)
 
-    def __call__(self, mesh, x):
+    def __call__(self, mesh, x, fields=None):
         return integrate(mesh, x, lambda _, f: self.density(f.c), {"c": self.c})
 
 

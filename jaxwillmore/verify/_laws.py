@@ -14,7 +14,7 @@ from scipy.integrate import solve_ivp
 
 from .._types import Scalar
 from ..energies import AbstractEnergy, AbstractGlobalEnergy, Pressure, SurfaceTension, terms_of
-from ..flows import AbstractFlow, Loaded, MeanCurvatureFlow, WillmoreFlow
+from ..flows import AbstractLaw, Loads, MeanCurvatureFlow, System, WillmoreFlow
 from ..surface import AbstractLevelSet, Sphere
 from ._problems import Problem
 
@@ -77,7 +77,7 @@ def loaded_sphere_problem(
         slope = jax.grad(sphere_energy)(R, bending_modulus, spontaneous_curvature, energy)
         return -slope / (4 * jnp.pi * R**2)
 
-    flow = Loaded(WillmoreFlow(bending_modulus, spontaneous_curvature), energy)
+    flow = System(WillmoreFlow(bending_modulus, spontaneous_curvature), Loads(energy))
     return _sphere_problem(name, flow, rate, t1)
 
 
@@ -87,7 +87,7 @@ def speed_problem(speed: Callable | None, t1: float, name: str = "sphere") -> Pr
     return _sphere_problem(name, flow, lambda R: -flow.speed(2 / R), t1)
 
 
-def _sphere_problem(name: str, flow: AbstractFlow, rate: Callable, t1: float) -> Problem:
+def _sphere_problem(name: str, flow: System | AbstractLaw, rate: Callable, t1: float) -> Problem:
     def surface(t: float) -> AbstractLevelSet:
         return Sphere(radius_after(float(t), rate))
 
@@ -99,7 +99,7 @@ def balanced_flow(
     surface_tension: float = 0.0,
     bending_modulus: float = 0.5,
     radius: float = 1.0,
-) -> Loaded:
+) -> System:
     r"""Canham–Helfrich flow with tension and the pressure under which the sphere is at rest.
 
     $P = 2\sigma/R - 2b_b H_0 (2 - H_0 R)/R^2$; small modes of the sphere change at `mode_rate`.
@@ -107,4 +107,4 @@ def balanced_flow(
     b, H0, R = 2 * bending_modulus, spontaneous_curvature, radius
     pressure = 2 * surface_tension / R - b * H0 * (2 - H0 * R) / R**2
     energy = SurfaceTension(surface_tension) + Pressure(pressure)
-    return Loaded(WillmoreFlow(bending_modulus, H0), energy)
+    return System(WillmoreFlow(bending_modulus, H0), Loads(energy))

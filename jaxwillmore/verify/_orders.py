@@ -15,7 +15,7 @@ import jax.numpy as jnp
 from .._types import Nodes
 from ..evolve import replay
 from ..evolve._adaptive import graded_times
-from ..flows import AbstractFlow, WillmoreFlow
+from ..flows import AbstractLaw, System, WillmoreFlow
 from ..mesh import SurfaceMesh
 from ..surface import area
 from ._errors import nodal_errors, surface_errors
@@ -124,7 +124,7 @@ def mode_errors(
     n_steps: int = 16,
     bdf_order: int = 3,
     roughness: float = 0.08,
-    flow: AbstractFlow | None = None,
+    flow: System | AbstractLaw | None = None,
     exact_rate: float | None = None,
 ) -> Row:
     r"""The linearised flow of one mode of the unit sphere, until it has fallen by e.

@@ -11,7 +11,7 @@ import numpy as np
 
 from .._types import Nodes
 from ..evolve import State, evolve
-from ..flows import AbstractFlow, WillmoreFlow
+from ..flows import AbstractLaw, Forcing, System, WillmoreFlow
 from ..mesh import SurfaceMesh, from_sphere_map
 from ..reference import lagrange_nodes
 from ..surface import AbstractLevelSet, Sphere
@@ -56,7 +56,7 @@ class Problem:
     """
 
     name: str
-    flow: AbstractFlow
+    flow: System | AbstractLaw
     surface: Callable[[float], AbstractLevelSet]
     from_sphere: Callable[[Nodes], Nodes]
     t1: float
@@ -130,5 +130,5 @@ def ellipsoid_problem(t1: float = 0.2) -> Problem:
     """An ellipsoid with prescribed semi-axes, see `MovingEllipsoid`."""
     exact = MovingEllipsoid(moving_axes)
     axes = moving_axes(jnp.asarray(0.0))
-    flow = WillmoreFlow(forcing=exact.forcing)
+    flow = System(WillmoreFlow(), Forcing(exact.forcing))
     return Problem("manufactured ellipsoid", flow, exact.surface, lambda x: axes[None] * x, t1)

@@ -18,7 +18,7 @@ from .._types import Nodes
 from ..energies import OsmoticPressure, Pressure, SurfaceTension, Willmore
 from ..equilibria import Equilibrium, resolve
 from ..evolve import Stepper, replay
-from ..flows import HelfrichFlow, Loaded, WillmoreFlow
+from ..flows import HelfrichFlow, Loads, System, WillmoreFlow, as_system
 from ..mesh import SurfaceMesh
 from ..surface import (
     angle_profile,
@@ -200,9 +200,9 @@ def run_sensitivity(
         if kind == "held":
             ball = p["area"] ** 1.5 / (6 * jnp.sqrt(jnp.pi))
             enclosed = p["reduced_volume"] * ball
-            return Loaded(bending, fixed_area=p["area"], fixed_volume=enclosed)
+            return System(bending, Loads(area=p["area"], volume=enclosed))
         osmosis = OsmoticPressure(p["n"], p["c_out"], p["T"], 1.0)
-        return Loaded(bending, SurfaceTension(p["sigma"]) + Pressure(p["P"]) + osmosis)
+        return System(bending, Loads(SurfaceTension(p["sigma"]) + Pressure(p["P"]) + osmosis))
 
     at = own | {"tau": 1e-3, "shape": 0.0}
     start = {name: jnp.asarray(value, float) for name, value in at.items()}
@@ -215,7 +215,7 @@ def run_sensitivity(
         outputs = shape_outputs(mesh, run.x[-1], points)
         if kind == "held":
             outputs |= {name: run.multipliers[name][-1] for name in ("tension", "pressure")}
-        return outputs | {"energy": flow(p).energy(mesh, run.x[-1])}
+        return outputs | {"energy": as_system(flow(p)).energy(mesh, run.x[-1], {})}
 
     return Sensitivity(f"run, {kind}", end, start, largest | {"tau": 6e-5, "shape": 0.01})
 

@@ -59,7 +59,7 @@ def nan_at_three(x):
         ({"stationary_tolerance": -1.0}, "`stationary_tolerance` must be a positive number, or"),
         ({"energy_tolerance": np.nan}, "`energy_tolerance` must be a positive number, or None"),
         ({"newton_tolerance": 0.0}, "`newton_tolerance` must be a positive number; got 0.0"),
-        ({"newton_tolerance": None}, "`newton_tolerance` must be a positive number; got None"),
+        ({"newton_tolerance": "1e-8"}, "`newton_tolerance` must be a positive number; got '1e-8'"),
         # methods
         ({"bdf_order": 6}, "`bdf_order` must be 1, 2, 3, 4 or 5; got 6"),
         ({"bdf_order": 2.0}, "`bdf_order` must be 1, 2, 3, 4 or 5; got 2.0"),
@@ -67,8 +67,8 @@ def nan_at_three(x):
         ({"linear_solver": "qr"}, "`method` must be one of"),
         # objects
         ({"flow": WillmoreFlow}, r"`flow` must be an instance; got the class WillmoreFlow. Write"),
-        ({"flow": "willmore"}, "`flow` must be of type AbstractFlow; got str"),
-        ({"flow": {"bending_modulus": 0.5}}, "`flow` must be of type AbstractFlow; got dict"),
+        ({"flow": "willmore"}, "`flow` must be a law or a `System`; got str"),
+        ({"flow": {"bending_modulus": 0.5}}, "`flow` must be a law or a `System`; got dict"),
         ({"mesh": SurfaceMesh}, "`mesh` must be an instance; got the class SurfaceMesh"),
         (
             {"mesh": icosphere(0, 1)},

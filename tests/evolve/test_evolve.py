@@ -12,7 +12,8 @@ import numpy as np
 import pytest
 
 from jaxwillmore.evolve import Stepper, TextProgressMeter, evolve, name_of, replay
-from jaxwillmore.flows import WillmoreFlow
+from jaxwillmore.evolve._evolve import _energy_tolerance
+from jaxwillmore.flows import Forcing, Loads, MeanCurvatureFlow, System, WillmoreFlow, as_system
 from jaxwillmore.mesh import ellipsoid, icosphere, red_cell
 from jaxwillmore.surface import Ellipsoid, area, volume
 
@@ -24,7 +25,7 @@ MESH, SPHERE = icosphere(1, 2)
 _, X = ellipsoid(AXES, 1, 2)
 EXACT = {"H": Ellipsoid(AXES).mean_curvature(X), "nu": Ellipsoid(AXES).normal(X)}
 ROUND = {"H": jnp.full(MESH.n_nodes, 2.0), "nu": SPHERE}
-FLOW = WillmoreFlow()
+FLOW = as_system(WillmoreFlow())
 
 run = ft.partial(evolve, FLOW, MESH)
 
@@ -278,6 +279,20 @@ def test_the_error_follows_the_tolerance():
 
     loose, tight = error(3e-3), error(3e-4)
     assert tight < 0.35 * loose and loose < 3e-3 * 3.0, (loose, tight)
+
+
+def test_the_energy_guard_follows_from_the_laws():
+    """Where a law does work the energy may rise: a run of `test_mean_curvature.py` shows it."""
+    working = (
+        MeanCurvatureFlow(lambda H: -1 / H),
+        System(FLOW, Forcing(lambda t, p: p[0])),
+        System(FLOW, Loads(volume=lambda t: 4.0 + t)),
+    )
+    for flow in working:
+        assert _energy_tolerance(as_system(flow), 1e-5) == np.inf
+    for flow in (MeanCurvatureFlow(), FLOW, System(FLOW, Loads(volume=4.0))):
+        assert _energy_tolerance(as_system(flow), 1e-5) == 1e-5
+        assert _energy_tolerance(as_system(flow), None) == np.inf
 
 
 # 5. Every way to stop.

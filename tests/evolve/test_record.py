@@ -5,8 +5,8 @@ import numpy as np
 import pytest
 
 from jaxwillmore.evolve import diagnostics
-from jaxwillmore.evolve._record import alignment, corner_angles
-from jaxwillmore.flows import WillmoreFlow
+from jaxwillmore.evolve._record import corner_angles
+from jaxwillmore.flows import WillmoreFlow, alignment
 from jaxwillmore.mesh import SurfaceMesh, icosphere
 
 

@@ -59,6 +59,7 @@ def history_of(stepper, times, degree):
         jnp.asarray(times),
         jnp.asarray([at(x, t) for t in times]),
         jnp.asarray([at(U, t) for t in times]),
+        jnp.zeros((len(times), mesh.n_nodes, 0)),
         jnp.zeros((len(times), 0)),
     )
     return history, lambda t: (at(x, t), stepper.fields(jnp.asarray(at(U, t))))

@@ -11,10 +11,12 @@ import pytest
 from jaxwillmore.evolve import Stepper
 from jaxwillmore.evolve._step import ImplicitStep, LinearStage
 from jaxwillmore.evolve._stepper import _safe, column_groups, weights
-from jaxwillmore.flows import WillmoreFlow
+from jaxwillmore.flows import WillmoreFlow, as_system
 from jaxwillmore.mesh import ellipsoid
 
-FLOW = WillmoreFlow(0.7, 0.5)
+from ..flows.systems import nodal_data
+
+FLOW = as_system(WillmoreFlow(0.7, 0.5))
 
 
 @pytest.fixture(scope="module")
@@ -27,9 +29,10 @@ def case():
         keys = jr.split(jr.key(k))
         U = history.U[0] + 0.1 * jr.normal(keys[0], history.U[0].shape)
         nodes = history.x[0] + 0.01 * jr.normal(keys[1], x.shape)
-        history = history.push(jnp.asarray(0.01 * k), nodes, U, jnp.zeros(0))
+        amounts = stepper.amounts(nodes, U)
+        history = history.push(jnp.asarray(0.01 * k), nodes, U, amounts, jnp.zeros(0))
     t = jnp.asarray(0.025)
-    data = stepper._data(history, weights(history.times, t, 3, 2), t)
+    data = stepper.data(history, weights(history.times, t, 3, 2), t)
     return stepper, history, data
 
 
@@ -38,9 +41,11 @@ def test_data_of_a_step_are_those_of_the_extrapolated_surface(case):
     stepper, history, data = case
 
     def alpha(x, U):
-        return FLOW.nodal_data(stepper.problem.mesh, data.t, x, stepper.fields(U))[:, 0]
+        return nodal_data(FLOW, stepper.problem.mesh, x, stepper.fields(U), t=data.t)["alpha"]
 
-    np.testing.assert_allclose(data.data[:, 0], alpha(data.x_hat, data.hat), rtol=1e-12)
+    np.testing.assert_allclose(
+        data.data[:, FLOW.data_names.index("alpha")], alpha(data.x_hat, data.hat), rtol=1e-12
+    )
     assert abs(float(alpha(history.x[0], history.U[0])[0] / data.data[0, 0]) - 1) > 1e-2
 
 

@@ -11,7 +11,7 @@ from jaxwillmore.cases import CaseError, FlowModelCase, load_fit, run_fit
 from jaxwillmore.cases._fit_series import FlowOfCase
 from jaxwillmore.cli import main
 from jaxwillmore.evolve import evolve
-from jaxwillmore.flows import Loaded, MinimalDeformation, WillmoreFlow
+from jaxwillmore.flows import Loads, MinimalDeformation, WillmoreFlow
 from jaxwillmore.io import write_npz
 from jaxwillmore.mesh import SurfaceError, ellipsoid, icosphere, torus
 
@@ -111,14 +111,14 @@ def test_parameters_go_where_they_belong():
     case = FlowModelCase(spontaneous_curvature=0.3, tension=2.0, hold=("volume",))
     build = FlowOfCase(("bending_modulus", "tension"), case, None, 4.0)
     free = {"bending_modulus": jnp.asarray(0.2), "tension": jnp.asarray(3.0)}
-    flow = cast(Any, build(free))
-    assert isinstance(flow, Loaded) and isinstance(flow.flow, MinimalDeformation)
-    law = cast(Any, flow.flow.flow)
+    law, loads, motion = cast(Any, build(free).laws)
+    assert isinstance(law, WillmoreFlow) and isinstance(motion, MinimalDeformation)
     assert (float(law.bending_modulus), float(law.spontaneous_curvature)) == (0.2, 0.3)
-    assert float(cast(Any, flow.load_energy).surface_tension) == 3.0
-    assert flow.fixed_area is None and float(cast(Any, flow.fixed_volume)) == 4.0
+    assert isinstance(loads, Loads) and float(cast(Any, loads.energy).surface_tension) == 3.0
+    assert loads.area is None and float(cast(Any, loads.volume)) == 4.0
     plain = FlowOfCase(("bending_modulus",), FlowModelCase(tangential="none"), None, None)
-    assert isinstance(plain({"bending_modulus": jnp.asarray(0.2)}), WillmoreFlow)
+    (law,) = plain({"bending_modulus": jnp.asarray(0.2)}).laws
+    assert isinstance(law, WillmoreFlow)
 
 
 @pytest.mark.slow

@@ -7,10 +7,11 @@ import jax
 import jax.numpy as jnp
 
 from jaxwillmore.fem import Jet, integrate, load, project
-from jaxwillmore.flows import HelfrichFlow
+from jaxwillmore.flows import HelfrichFlow, as_system
 from jaxwillmore.surface import Ellipsoid
 
 from ..energies.variations import Exact
+from .systems import equation, nodal_data
 
 AXES = (1.0, 1.2, 1.5)
 EXACT = Exact(Ellipsoid(AXES))
@@ -59,22 +60,21 @@ def constant(value):
 
 def velocity_of_law(flow, mesh, x, H, nu, multipliers=()):
     """V_h of the discrete law for nodal H and ν, from the equations of the flow."""
+    flow = as_system(flow)
     fields = {"H": H, "nu": nu}
-    names = [f"data_{name}" for name in flow.data.names]
-    data = flow.nodal_data(mesh, jnp.asarray(0.0), x, fields)
-    fields |= dict(zip(names, data.T, strict=True))
+    data = nodal_data(flow, mesh, x, fields)
+    fields |= {f"data_{name}": values for name, values in data.items()}
     zero = constant(0.0)
 
     def solve(name, solved):
         def density(here, f, phi, grad):
             hat = SimpleNamespace(H=f.H, nu=f.nu)
-            data = {name: getattr(f, f"data_{name}") for name in flow.data.names}
-            data = SimpleNamespace(**data, multipliers=jnp.asarray(multipliers))
+            data = SimpleNamespace(**{n: getattr(f, f"data_{n}") for n in flow.data_names})
             trial = SimpleNamespace(H=f.H, nu=f.nu, V=zero, q=getattr(f, "q", zero))
             if name == "q":
                 trial.q = zero
-            chi = Jet(phi, grad)
-            return -flow.equation(name, here, SimpleNamespace(), hat, trial, data, chi)
+            chi, rate = Jet(phi, grad), SimpleNamespace()
+            return -equation(flow, name, here, rate, hat, trial, data, chi, multipliers)
 
         return project(mesh, x, load(mesh, x, density, fields | solved)[:, None])[:, 0]
 
@@ -87,7 +87,7 @@ def descent(flow, law, mesh, x, multipliers=()):
     """Relative errors of dE(V_h ν) = −∫V_h², of dE(φν) = −∫V_h φ for a smooth φ, and of V_h."""
     H, nu, phi = on(x, EXACT.H), on(x, EXACT.normal), x[:, 0] ** 2
     V = velocity_of_law(flow, mesh, x, H, nu, multipliers)
-    _, slopes = jax.linearize(lambda x: flow.energy(mesh, x), x)
+    _, slopes = jax.linearize(lambda x: as_system(flow).energy(mesh, x), x)
     fields = {"V": V, "exact": law(x), "phi": phi}
 
     def density(_, f):

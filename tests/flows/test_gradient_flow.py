@@ -7,9 +7,16 @@ import pytest
 
 import jaxwillmore as jw
 from jaxwillmore import energies as je
-from jaxwillmore.flows import HelfrichFlow, Loaded, WillmoreFlow, gradient_flow
+from jaxwillmore.flows import (
+    HelfrichFlow,
+    Loads,
+    MinimalDeformation,
+    WillmoreFlow,
+    gradient_flow,
+)
 
 from .carried_fields import AXES, EXACT, H0, b, b_k, descent, on, speed
+from .systems import whole
 
 
 def bending_on(x):
@@ -45,9 +52,8 @@ def test_the_law_of_a_sum_is_minus_the_gradient_of_the_sum():
     fields = {"H": on(x, EXACT.H)}
     M = jw.fem.integrate(mesh, x, lambda _, f: f.H.value, fields)
     loads = multipliers(jw.surface.area(mesh, x), jw.surface.volume(mesh, x), M)
-    np.testing.assert_allclose(
-        flow.closures(mesh, jnp.asarray(0.0), x, fields, loads), 0.0, atol=1e-12
-    )
+    closures = flow.closures(whole(flow, mesh, x, fields, multipliers=loads))
+    np.testing.assert_allclose(closures, 0.0, atol=1e-12)
 
     def law(p):
         sigma, pressure, m = loads
@@ -67,7 +73,7 @@ def test_a_run_lowers_the_sum_and_holds_the_volume():
     mesh, x = jw.mesh.ellipsoid(AXES, level=0, degree=2)
     V0 = jw.surface.volume(mesh, x)
     energy = bending_on(x) + LOADS
-    flow = gradient_flow(energy, fixed_volume=V0)
+    flow = gradient_flow(energy, volume=V0)
     run = jw.evolve.evolve(flow, mesh, x, t1=1.0, dt0=1e-4, max_steps=4, throw=False)
     assert len(run.records) == 4
     energies = [float(energy(mesh, x)), *(record["energy"] for record in run.records)]
@@ -85,24 +91,33 @@ def test_numbers_give_willmore_flow_and_fields_helfrich_flow():
         (je.CanhamHelfrich(0.4, 0.1, 0.7), 0.4, 0.7),
         (0.5 * (2.0 * je.CanhamHelfrich(0.4, 0.1, 0.7)), 0.4, 0.7),
     ):
-        flow = gradient_flow(energy, consistency=5.0, consistency_weight="local")
-        assert isinstance(flow, WillmoreFlow)
-        np.testing.assert_allclose(flow.bending_modulus, b_b, rtol=1e-15)
-        np.testing.assert_array_equal(flow.spontaneous_curvature, curvature)
-        assert flow.consistency == 5.0 and flow.consistency_weight == "local"
+        (law,) = gradient_flow(energy, consistency=5.0, consistency_weight="local").laws
+        assert isinstance(law, WillmoreFlow)
+        np.testing.assert_allclose(law.bending_modulus, b_b, rtol=1e-15)
+        np.testing.assert_array_equal(law.spontaneous_curvature, curvature)
+        assert law.consistency == 5.0 and law.consistency_weight == "local"
     for parameters in ((fields, 0.1, 0.2), (0.3, fields, 0.2), (0.3, 0.1, fields)):
-        flow = gradient_flow(2.0 * je.CanhamHelfrich(*parameters))
-        assert isinstance(flow, HelfrichFlow)
-        np.testing.assert_allclose(flow.bending_modulus, 2 * np.asarray(parameters[0]))
-        np.testing.assert_allclose(flow.gaussian_modulus, 2 * np.asarray(parameters[1]))
-        np.testing.assert_array_equal(flow.spontaneous_curvature, parameters[2])
+        (law,) = gradient_flow(2.0 * je.CanhamHelfrich(*parameters)).laws
+        assert isinstance(law, HelfrichFlow)
+        np.testing.assert_allclose(law.energy.bending_modulus, 2 * np.asarray(parameters[0]))
+        np.testing.assert_allclose(law.energy.gaussian_modulus, 2 * np.asarray(parameters[1]))
+        np.testing.assert_array_equal(law.energy.spontaneous_curvature, parameters[2])
 
 
-def test_loads_and_constraints_are_wrapped_around():
+def test_loads_and_constraints_stand_beside_the_law():
     flow = gradient_flow(je.Pressure(0.1) + je.Willmore() + je.SurfaceTension(0.2))
-    assert isinstance(flow, Loaded) and isinstance(flow.flow, WillmoreFlow)
-    held = gradient_flow(je.Willmore(), fixed_area=12.0)
-    assert isinstance(held, Loaded) and held.fixed_area == 12.0 and held.fixed_volume is None
+    assert [type(law) for law in flow.laws] == [WillmoreFlow, Loads]
+    held = gradient_flow(je.Willmore(), area=12.0)
+    law, loads = held.laws
+    assert isinstance(law, WillmoreFlow) and isinstance(loads, Loads)
+    assert loads.energy is None and loads.area == 12.0 and loads.volume is None
+
+
+def test_a_tangential_motion_is_a_law_of_its_own():
+    flow = gradient_flow(je.Willmore(), volume=4.0, tangential="minimal-deformation")
+    assert [type(law) for law in flow.laws] == [WillmoreFlow, Loads, MinimalDeformation]
+    with pytest.raises(ValueError, match="`tangential` must be one of .*; got 'hu-li'"):
+        gradient_flow(je.Willmore(), tangential="hu-li")
 
 
 def test_the_energy_of_the_flow_is_the_sum():

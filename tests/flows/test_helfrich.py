@@ -10,7 +10,15 @@ import numpy as np
 import pytest
 
 from jaxwillmore.fem import Jet, inner, integrate, point, trace
-from jaxwillmore.flows import HelfrichFlow, Loaded, MinimalDeformation, WillmoreFlow
+from jaxwillmore.flows import (
+    Forcing,
+    HelfrichFlow,
+    Loads,
+    MinimalDeformation,
+    System,
+    WillmoreFlow,
+    as_system,
+)
 from jaxwillmore.flows._helfrich import (
     gaussian_force_equation,
     lower_order_force,
@@ -23,6 +31,7 @@ from jaxwillmore.flows._willmore import auxiliary_normal_equation
 from jaxwillmore.mesh import ellipsoid, icosphere
 
 from .carried_fields import AXES, EXACT, H0, U, b, b_k, constant, flow_on, on, speed
+from .systems import equation, nodal_data, scalar_data
 
 # 1. The equations, with exact data on an ellipsoid.
 
@@ -87,7 +96,8 @@ def test_exact_data_solve_the_equation(residuals, k, name):
 
 # 2. One quadrature point.
 
-DATA = ("alpha", "force", "bending_modulus", "spontaneous_curvature", "gaussian_modulus")
+FIELDS = ("bending_modulus", "spontaneous_curvature", "gaussian_modulus")
+FORCING = Forcing(lambda t, p: p[2])  # the equations read its nodal data alone
 
 
 def jet(key, *shape):
@@ -109,17 +119,17 @@ def jets_of(layout, key):
 
 @pytest.fixture(scope="module")
 def random():
-    """A flow with fields, random jets, and its equations as one function of the trial jets."""
-    mesh, x = icosphere(0, 1)
-    flow, here = flow_on(x), point(jnp.zeros(3), jr.normal(jr.key(99), (3, 2)))
+    """A flow with fields and a force, random jets, and its equations as functions of the trial."""
+    _, x = icosphere(0, 1)
+    flow, here = System(flow_on(x), FORCING), point(jnp.zeros(3), jr.normal(jr.key(99), (3, 2)))
     hat, trial, chi = (jets_of(flow.layout, jr.key(k)) for k in (1, 2, 3))
-    data = jets_of(flow.data, jr.key(4))
+    data = scalar_data(flow, lambda k: jet(jr.fold_in(jr.key(4), k)))
     rates = SimpleNamespace(H=jnp.asarray(0.4), nu=jr.normal(jr.key(5), (3,)))
 
-    def equation(name, trial, rate=rates, data=data, flow=flow):
-        return flow.equation(name, here, rate, hat, trial, data, getattr(chi, name))
+    def of(name, trial, rate=rates, data=data, flow=flow):
+        return equation(flow, name, here, rate, hat, trial, data, getattr(chi, name))
 
-    return SimpleNamespace(flow=flow, hat=hat, trial=trial, data=data, equation=equation)
+    return SimpleNamespace(flow=flow, hat=hat, trial=trial, data=data, equation=of)
 
 
 def test_stages_decouple_when_coefficients_are_frozen(random):
@@ -152,8 +162,8 @@ def test_stages_decouple_when_coefficients_are_frozen(random):
 def test_constant_fields_give_the_equations_of_willmore_flow(random):
     """Term by term, with g = b z."""
     b_b, curvature = 0.7, 0.5
-    willmore = WillmoreFlow(b_b, curvature)
-    fields = dict(zip(DATA[2:], map(constant, (b_b, curvature, 3.0)), strict=True))
+    willmore = System(WillmoreFlow(b_b, curvature), FORCING)
+    fields = dict(zip(FIELDS, map(constant, (b_b, curvature, 3.0)), strict=True))
     data = SimpleNamespace(**{**vars(random.data), **fields})
     zero = constant(0.0)
 
@@ -179,19 +189,19 @@ def test_constant_fields_give_the_equations_of_willmore_flow(random):
 
 
 def test_a_force_stands_beside_q_in_both_equations(random):
-    """Forces of `Loaded` and `forcing`, and the Gaussian force, are one number Q."""
+    """Forces of `Loads` and `Forcing`, and the Gaussian force, are one number Q."""
 
     def slope(name, by):
         def form(f):
             trial, data = dict(vars(random.trial)), dict(vars(random.data))
-            place = data if by == "force" else trial
+            place = data if by == "forcing" else trial
             place[by] = Jet(f, jnp.zeros(3))
             return random.equation(name, SimpleNamespace(**trial), data=SimpleNamespace(**data))
 
         return jax.grad(form)(jnp.asarray(0.3))
 
     for name in ("V", "nu"):
-        np.testing.assert_allclose(slope(name, "force"), slope(name, "q"), rtol=1e-13)
+        np.testing.assert_allclose(slope(name, "forcing"), slope(name, "q"), rtol=1e-13)
     chi = jets_of(random.flow.layout, jr.key(3))
     np.testing.assert_allclose(slope("V", "q"), -chi.V.value, rtol=1e-13)
     H, nu = random.hat.H.value, random.hat.nu.value
@@ -203,37 +213,39 @@ def test_a_force_stands_beside_q_in_both_equations(random):
 
 
 def test_unknowns_and_data_follow_what_is_a_field():
-    numbers, fields = HelfrichFlow(0.5, 0.1, 0.2), HelfrichFlow(0.5, 0.1, np.ones(42))
+    flows = HelfrichFlow(0.5, 0.1, 0.2), HelfrichFlow(0.5, 0.1, np.ones(42))
+    numbers, fields = map(as_system, flows)
     assert tuple(numbers.carried) == () and tuple(fields.carried) == ("gaussian_modulus",)
-    assert "q" not in numbers.layout.names and "gaussian_modulus" not in numbers.data.names
-    assert "q" in fields.layout.names and "gaussian_modulus" in fields.data.names
+    assert "q" not in numbers.layout.names and "gaussian_modulus" not in numbers.data_names
+    assert "q" in fields.layout.names and "gaussian_modulus" in fields.data_names
     for flow in (numbers, fields):
-        assert flow.scales(jnp.asarray(2.0)).shape == (flow.layout.width,)
+        assert flow.scales(flow.units(jnp.asarray(2.0))).shape == (flow.layout.width,)
 
 
 def test_sizes_follow_the_scaling_of_the_law():
     """Lengths by 3: H ~ 1/3, V and q ~ b/27, g ~ b/9, times ~ 81/b."""
-    flow = HelfrichFlow(np.full(42, 0.7), 0.0, np.ones(42))
-    one, three = flow.scales(jnp.asarray(1.0)), flow.scales(jnp.asarray(3.0))
+    flow = as_system(HelfrichFlow(np.full(42, 0.7), 0.0, np.ones(42)))
+    one, three = (flow.scales(flow.units(jnp.asarray(length))) for length in (1.0, 3.0))
     powers = [-1, -3, 0, 0, 0, -2, -2, -2, -3]
     np.testing.assert_allclose(three / one, 3.0 ** np.array(powers), rtol=1e-14)
-    np.testing.assert_allclose(flow.time_scale(jnp.asarray(3.0)), 81 / 1.4, rtol=1e-14)
+    np.testing.assert_allclose(flow.units(jnp.asarray(3.0)).time, 81 / 1.4, rtol=1e-14)
 
 
 @pytest.mark.parametrize("weight", ["global", "local"])
 def test_the_weight_of_the_consistency_terms(weight):
     """α = c b |A|⁴ node by node, or its power mean of order 16: as `WillmoreFlow` for numbers."""
     mesh, x = icosphere(0, 2)
-    t, fields = jnp.asarray(0.0), {"nu": x}
+    fields = {"nu": x}
     b_b = 0.5 + 0.2 * x[:, 2]
     flow = HelfrichFlow(b_b, consistency=2.5, consistency_weight=weight)
-    alpha = flow.nodal_data(mesh, t, x, fields)[:, 0]
+    alpha = nodal_data(flow, mesh, x, fields)["alpha"]
     local = 2.5 * 2 * b_b * 4  # |A|⁴ = 4 on the unit sphere
     expected = local if weight == "local" else jnp.mean(local**16) ** (1 / 16) * jnp.ones(42)
     np.testing.assert_allclose(alpha, expected, rtol=1e-12)
-    numbers = HelfrichFlow(0.7, consistency_weight=weight).nodal_data(mesh, t, x, fields)
-    plain = WillmoreFlow(0.7, consistency_weight=weight).nodal_data(mesh, t, x, fields)
-    np.testing.assert_allclose(numbers[:, :2], plain, rtol=1e-14)
+    numbers = nodal_data(HelfrichFlow(0.7, consistency_weight=weight), mesh, x, fields)
+    plain = nodal_data(WillmoreFlow(0.7, consistency_weight=weight), mesh, x, fields)
+    assert set(numbers) == set(plain) == {"alpha"}  # and no force from nowhere
+    np.testing.assert_allclose(numbers["alpha"], plain["alpha"], rtol=1e-14)
 
 
 @pytest.mark.parametrize(
@@ -255,32 +267,33 @@ def test_bad_parameters_are_named(arguments, message):
 def test_fields_that_do_not_fit_the_mesh_are_named():
     mesh, x = icosphere(0, 2)
     with pytest.raises(ValueError, match="`gaussian_modulus` must be one number, or one for each"):
-        HelfrichFlow(gaussian_modulus=np.ones(7)).initial_fields(mesh, x, {})
+        as_system(HelfrichFlow(gaussian_modulus=np.ones(7))).start(mesh, x, {})
     with pytest.raises(ValueError, match="`spontaneous_curvature` must be below 1.8"):
-        HelfrichFlow(spontaneous_curvature=-4 * x[:, 2]).initial_fields(mesh, x, {})
+        as_system(HelfrichFlow(spontaneous_curvature=-4 * x[:, 2])).start(mesh, x, {})
 
 
 def test_fields_that_nodes_slip_past_are_unknowns():
-    """Numbers are not, and no field is dragged along by a second motion around the first."""
-    numbers = MinimalDeformation(HelfrichFlow(0.5))
+    """Numbers are not, and unknowns are no data of a step, whatever the order of the laws."""
+    numbers = System(HelfrichFlow(0.5), MinimalDeformation())
     assert numbers.layout.names == ("H", "V", "nu", "g", "w", "kappa")
     fields = HelfrichFlow(np.ones(42), np.zeros(42))
-    for flow in (MinimalDeformation(Loaded(fields)), Loaded(MinimalDeformation(fields))):
+    for others in ((Loads(), MinimalDeformation()), (MinimalDeformation(), Loads())):
+        flow = System(fields, *others)
         assert flow.layout.names[-2:] == ("bending_modulus", "spontaneous_curvature")
         assert flow.evolving == ("H", "nu", "bending_modulus", "spontaneous_curvature")
-        assert not flow.carried
-        sizes = flow.scales(jnp.asarray(2.0))
+        assert flow.data_names == ("alpha",)
+        sizes = flow.scales(flow.units(jnp.asarray(2.0)))
         assert sizes.shape == (flow.layout.width,) and bool(jnp.all(sizes > 0))
 
 
-@pytest.mark.parametrize("wrap", [lambda flow: flow, Loaded, MinimalDeformation])
-def test_a_flow_takes_the_fields_of_a_state(wrap):
+@pytest.mark.parametrize("others", [(), (Loads(),), (MinimalDeformation(),)])
+def test_a_flow_takes_the_fields_of_a_state(others):
     mesh, x = icosphere(0, 2)
     one = jnp.ones(42)
-    flow, moved = HelfrichFlow(one, 0.3, one), HelfrichFlow(2 * one, 0.3, x[:, 2])
+    law, moved = HelfrichFlow(one, 0.3, one), HelfrichFlow(2 * one, 0.3, x[:, 2])
     names = ("bending_modulus", "gaussian_modulus")
-    state = {name: getattr(moved, name) for name in names} | {"H": 2 * one}
-    expected = moved.energy(mesh, x)
-    np.testing.assert_allclose(wrap(flow).with_carried(state).energy(mesh, x), expected, rtol=1e-14)
-    same = wrap(flow).with_carried({"H": 2 * one})
-    np.testing.assert_array_equal(same.energy(mesh, x), flow.energy(mesh, x))
+    state = {name: getattr(moved.energy, name) for name in names} | {"H": 2 * one}
+    flow, expected = System(law, *others), as_system(moved).energy(mesh, x)
+    np.testing.assert_allclose(flow.energy(mesh, x, state), expected, rtol=1e-14)
+    same = flow.energy(mesh, x, {"H": 2 * one})
+    np.testing.assert_array_equal(same, as_system(law).energy(mesh, x))

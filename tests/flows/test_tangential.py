@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 import jaxwillmore as jw
-from jaxwillmore.flows import MinimalDeformation, WillmoreFlow
+from jaxwillmore.flows import MinimalDeformation, System, WillmoreFlow
 
 
 def edge_ratio(mesh, x):
@@ -17,7 +17,7 @@ def one_step():
     mesh, x = jw.mesh.ellipsoid(semi_axes=(1.0, 1.2, 1.5), level=1, degree=2)
     times = jnp.array([0.0, 1e-3])
     plain = jw.evolve.replay(WillmoreFlow(), mesh, x, times)
-    moved = jw.evolve.replay(MinimalDeformation(WillmoreFlow()), mesh, x, times)
+    moved = jw.evolve.replay(System(WillmoreFlow(), MinimalDeformation()), mesh, x, times)
     return mesh, x, plain, moved
 
 
@@ -69,7 +69,7 @@ def test_velocity_is_the_minimiser(one_step):
 @pytest.mark.slow
 def test_red_cell_ends_as_a_sphere_with_even_triangles():
     mesh, x = jw.mesh.red_cell(level=1, degree=2)
-    run = jw.evolve.evolve(MinimalDeformation(WillmoreFlow()), mesh, x, t1=5.0)
+    run = jw.evolve.evolve(System(WillmoreFlow(), MinimalDeformation()), mesh, x, t1=5.0)
     last = run.records[-1]
     assert abs(last["willmore"] / (8 * np.pi) - 1) < 1e-4
     assert edge_ratio(mesh, run.state.x) < 1.4

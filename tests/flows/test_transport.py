@@ -11,13 +11,21 @@ import pytest
 
 from jaxwillmore.energies import CanhamHelfrich
 from jaxwillmore.evolve import evolve, replay
-from jaxwillmore.fem import Jet, integrate
-from jaxwillmore.flows import HelfrichFlow, MinimalDeformation, WillmoreFlow
-from jaxwillmore.flows._tangential import transport_equation
+from jaxwillmore.fem import Jet, integrate, point
+from jaxwillmore.flows import (
+    Forcing,
+    HelfrichFlow,
+    MinimalDeformation,
+    System,
+    WillmoreFlow,
+    as_system,
+)
+from jaxwillmore.flows._system import material_transport
 from jaxwillmore.mesh import ellipsoid, icosphere
 from jaxwillmore.surface import closest
 
 from .carried_fields import AXES, H0, b, flow_on, on
+from .systems import equation, scalar_data
 
 NAMES = ("bending_modulus", "spontaneous_curvature", "gaussian_modulus")
 
@@ -36,8 +44,8 @@ def test_a_field_at_rest_in_space_changes_along_rotating_nodes():
         fields = {"w": w, "phi": on(x, b), "rate": rate, "chi": on(x, H0)}
 
         def density(_, f):
-            equation = transport_equation(f.rate.value, f.w, f.phi, f.chi)
-            return jnp.stack([equation, jnp.abs(f.rate.value * f.chi.value)])
+            rate = f.rate.value * f.chi.value
+            return jnp.stack([rate + material_transport(f.w, f.phi, f.chi), jnp.abs(rate)])
 
         defect, size = integrate(meshes[len(x)], x, density, fields)
         return defect / size
@@ -47,33 +55,35 @@ def test_a_field_at_rest_in_space_changes_along_rotating_nodes():
     assert fine < 1e-4 and np.log2(coarse / fine) > 2.5, (coarse, fine)
 
 
-def test_the_plain_flow_finds_the_fields_of_the_moment():
-    """Its equations read the unknown fields, whatever the nodal data are."""
+def test_the_equations_find_the_fields_of_the_moment():
+    """They read the unknown fields, whatever the nodal data are."""
     n = 42
-    flow = MinimalDeformation(HelfrichFlow(np.ones(n), 0.3, np.ones(n)))
+    laws = HelfrichFlow(np.ones(n), 0.3, np.ones(n)), Forcing(lambda t, p: p[2])
+    plain, flow = System(*laws), System(*laws, MinimalDeformation())
     keys = iter(jr.split(jr.key(0), 99))
 
-    def jets(layout):
+    def jet(*shape):
         draw = lambda *shape: jr.normal(next(keys), shape)
-        shapes = [(3,) if size == 3 else () for size in layout.sizes]
-        jets = [Jet(draw(*shape), draw(*shape, 3)) for shape in shapes]
-        return dict(zip(layout.names, jets, strict=True))
+        return Jet(draw(*shape), draw(*shape, 3))
+
+    def jets(layout):
+        pairs = zip(layout.names, layout.sizes, strict=True)
+        return {name: jet(*((3,) if size == 3 else ())) for name, size in pairs}
 
     hat, chi = jets(flow.layout), jets(flow.layout)
     rate = SimpleNamespace(H=jnp.ones(()), nu=jnp.ones(3))
-    point = SimpleNamespace(position=jnp.ones(3), normal=jnp.array([0.0, 0.0, 1.0]))
+    here = point(jnp.ones(3), jnp.eye(3)[:, :2])
 
-    def equation(flow, name, data, hat):
+    def of(flow, name, data):
         trial = SimpleNamespace(**hat)
-        data = SimpleNamespace(**data, multipliers=jnp.zeros(0))
-        return flow.equation(name, point, rate, trial, trial, data, chi[name])
+        return equation(flow, name, here, rate, trial, trial, SimpleNamespace(**data), chi[name])
 
-    one, two = jets(flow.data), jets(flow.data)
+    one, two = (vars(scalar_data(plain, lambda _: jet())) for _ in range(2))
     unknown = {name: hat[name] for name in ("bending_modulus", "gaussian_modulus")}
-    kept = {name: one[name] for name in ("alpha", "force", "spontaneous_curvature")}
+    kept = {name: one[name] for name in ("alpha", "forcing")}
+    assert set(one) == {*unknown, *kept} and set(flow.data_names) == set(kept)
     for name in ("V", "g", "q"):
-        found = equation(flow, name, two | kept, hat)
-        expected = equation(flow.flow, name, one | unknown, hat)
+        found, expected = of(flow, name, two | kept), of(plain, name, one | unknown)
         np.testing.assert_allclose(found, expected, rtol=1e-14, err_msg=name)
 
 
@@ -85,7 +95,7 @@ def slipping():
     """Nine steps of 42 nodes that slip, with a field that is constant and one that is not."""
     mesh, x = ellipsoid(AXES, 0, 2)
     flow = HelfrichFlow(0.7 * jnp.ones(len(x)), on(x, H0))
-    run = evolve(MinimalDeformation(flow), mesh, x, t1=1.0, max_steps=9, throw=False)
+    run = evolve(System(flow, MinimalDeformation()), mesh, x, t1=1.0, max_steps=9, throw=False)
     return mesh, x, flow, run
 
 
@@ -102,7 +112,7 @@ def test_the_energy_of_a_state_is_that_of_its_fields(slipping):
     fields, found = run.state.fields, run.records[-1]["energy"]
     curvature = fields["spontaneous_curvature"]
     own = CanhamHelfrich(fields["bending_modulus"], 0.0, curvature)(mesh, run.state.x)
-    first = flow.energy(mesh, run.state.x)
+    first = as_system(flow).energy(mesh, run.state.x)
     assert found == pytest.approx(float(own), rel=1e-12)
     assert abs(float(first) - found) > 1e-6 * found
     energies = [record["energy"] for record in run.records]
@@ -114,7 +124,7 @@ def test_constant_fields_give_the_run_of_numbers(slipping):
     mesh, x, _, _ = slipping
     times, one = jnp.array([0.0, 1e-4, 3e-4, 1e-3]), jnp.ones(len(x))
     flows = HelfrichFlow(0.7 * one, 0.5 * one), WillmoreFlow(0.7, 0.5)
-    found, expected = (replay(MinimalDeformation(f), mesh, x, times) for f in flows)
+    found, expected = (replay(System(f, MinimalDeformation()), mesh, x, times) for f in flows)
     np.testing.assert_allclose(found.x, expected.x, atol=1e-10)
     np.testing.assert_allclose(found.fields["spontaneous_curvature"], 0.5, rtol=1e-12)
 
@@ -130,13 +140,14 @@ def test_fields_stay_on_their_material_points():
     def distances(level):
         mesh, x = ellipsoid(AXES, level, 2)
         flow = flow_on(x)
-        plain, slipping = (evolve(f, mesh, x, t1=0.02) for f in (flow, MinimalDeformation(flow)))
+        flows = flow, System(flow, MinimalDeformation())
+        plain, slipping = (evolve(f, mesh, x, t1=0.02) for f in flows)
         cells = np.asarray(mesh.cells)
         at = np.asarray(plain.state.x), np.asarray(slipping.state.x)
         cell, basis = closest(cells, *at)
         rows = []
         for name in NAMES:
-            field = np.asarray(getattr(flow, name))
+            field = np.asarray(getattr(flow.energy, name))
             exact = np.sum(basis[..., 0] * field[cells[cell]], axis=1)
             found = np.asarray(slipping.state.fields[name])
             rows.append([np.std(found - exact), np.std(field - exact)])
@@ -155,7 +166,7 @@ def step():
     @eqx.filter_jit
     def step(flow, tau, scheme="implicit"):
         times = jnp.stack([jnp.zeros(()), tau])
-        flow = MinimalDeformation(flow)
+        flow = System(flow, MinimalDeformation())
         run = replay(flow, mesh, x, times, scheme=scheme, newton_tolerance=1e-12)
         fields = jnp.stack([run.fields[name][-1] for name in NAMES], axis=1)
         return jnp.concatenate([run.x[-1], fields], axis=1)
@@ -190,9 +201,9 @@ def test_gradients_of_a_step_by_nodal_fields(step):
         direction = jr.normal(jr.key(k), (len(x),))
 
         def moved(h, name=name, direction=direction):
-            where = lambda f: getattr(f, name)
+            where = lambda f: getattr(f.energy, name)
             return functional(eqx.tree_at(where, flow, where(flow) + h * direction))
 
         expected = (moved(1e-4) - moved(-1e-4)) / 2e-4
-        found = jnp.vdot(getattr(slopes, name), direction)
+        found = jnp.vdot(getattr(slopes.energy, name), direction)
         np.testing.assert_allclose(found, expected, rtol=1e-5, err_msg=name)

@@ -12,7 +12,7 @@ import pytest
 
 from jaxwillmore.energies import CanhamHelfrich
 from jaxwillmore.fem import Jet, inner, integrate, point, trace
-from jaxwillmore.flows import WillmoreFlow
+from jaxwillmore.flows import Forcing, System, WillmoreFlow, as_system
 from jaxwillmore.flows._consistency import mean_curvature_consistency, normal_consistency
 from jaxwillmore.flows._willmore import (
     auxiliary_normal_equation,
@@ -23,8 +23,12 @@ from jaxwillmore.flows._willmore import (
 from jaxwillmore.mesh import ellipsoid, icosphere
 from jaxwillmore.surface import Ellipsoid, weingarten
 
+from .systems import equation, nodal_data
+
 AXES, B_B, H0 = (1.0, 1.2, 1.5), 0.7, 0.5
-SURFACE, FLOW = Ellipsoid(AXES), WillmoreFlow(B_B, H0)
+SURFACE, LAW = Ellipsoid(AXES), WillmoreFlow(B_B, H0)
+FLOW = as_system(LAW)
+FORCED = System(LAW, Forcing(lambda t, p: p[2]))  # the equations read its nodal data alone
 
 
 def tangential_laplacian(f, p, nu, H):
@@ -77,7 +81,7 @@ def weak_residuals(mesh, x):
 
     def density(here, f):
         hat = SimpleNamespace(H=f.H, nu=f.nu)
-        Q, A, H, g = FLOW.force(hat), weingarten(f.nu), f.H.value, f.H.grad
+        Q, A, H, g = LAW.force(hat), weingarten(f.nu), f.H.value, f.H.grad
         nu, V, chi, J = f.nu.value, f.V.value, f.vector.value, f.vector.grad
         rate = V * trace(J) - V * H * inner(nu, chi)
         zero = jnp.zeros(3)
@@ -200,21 +204,22 @@ def test_the_normal_equation_component_by_component(jets):
     np.testing.assert_allclose(found, total, rtol=1e-12)
 
 
+def scaled_by(factor, jet):
+    return jax.tree.map(lambda a: factor * a, jet)
+
+
 def test_equations_are_linear_in_what_is_said_to_be(jets):
     """Linear in the unknowns with frozen coefficients: what the linearly implicit scheme needs."""
-    data = SimpleNamespace(alpha=Jet(jnp.asarray(2.0), jnp.zeros(3)), force=jet(jr.key(7)))
+    data = SimpleNamespace(alpha=Jet(jnp.asarray(2.0), jnp.zeros(3)), forcing=jet(jr.key(7)))
     here = point(jnp.zeros(3), jr.normal(jr.key(99), (3, 2)))
     names = {"H": jets.chi, "V": jets.chi, "nu": jets.vector, "z": jets.vector}
 
     def forms(s, chi_factor=1.0):
-        scaled = {n: jax.tree.map(lambda a: s * a, getattr(jets, n)) for n in names}
-        trial = SimpleNamespace(**scaled)
+        trial = SimpleNamespace(**{n: scaled_by(s, getattr(jets, n)) for n in names})
         rate = SimpleNamespace(H=s * 0.4, nu=s * jets.rate)
         return jnp.stack(
             [
-                FLOW.equation(
-                    name, here, rate, jets, trial, data, jax.tree.map(lambda a: chi_factor * a, chi)
-                )
+                equation(FORCED, name, here, rate, jets, trial, data, scaled_by(chi_factor, chi))
                 for name, chi in names.items()
             ]
         )
@@ -230,9 +235,9 @@ def test_a_force_pushes_outward_in_both_equations_of_the_law(jets):
     rate = SimpleNamespace(H=jnp.asarray(0.0), nu=jnp.zeros(3))
 
     def form(name, chi, f):
-        force = Jet(jnp.asarray(f), jnp.zeros(3))
-        data = SimpleNamespace(alpha=Jet(jnp.asarray(0.0), jnp.zeros(3)), force=force)
-        return FLOW.equation(name, here, rate, jets, jets, data, chi)
+        forcing = Jet(jnp.asarray(f), jnp.zeros(3))
+        data = SimpleNamespace(alpha=Jet(jnp.asarray(0.0), jnp.zeros(3)), forcing=forcing)
+        return equation(FORCED, name, here, rate, jets, jets, data, chi)
 
     slope = form("V", jets.chi, 1.0) - form("V", jets.chi, 0.0)
     np.testing.assert_allclose(slope, -jets.chi.value, rtol=1e-12)
@@ -271,40 +276,41 @@ def test_the_weight_of_the_consistency_terms():
     mesh, x = icosphere(0, 2)
     for c, b_b, R, expected in ((2.5, 0.5, 1.0, 10.0), (2.5, 1.0, 1.0, 20.0), (6.0, 0.5, 2.0, 1.5)):
         flow = WillmoreFlow(b_b, 0.0, c)
-        data = flow.nodal_data(mesh, jnp.asarray(0.0), R * x, {"nu": x})
-        np.testing.assert_allclose(data[:, 0], expected, rtol=1e-12)
-        np.testing.assert_array_equal(data[:, 1], 0.0)
+        data = nodal_data(flow, mesh, R * x, {"nu": x})
+        np.testing.assert_allclose(data["alpha"], expected, rtol=1e-12)
+        assert set(data) == {"alpha"}  # no force without a law that exerts one
 
 
 def test_the_weight_is_the_power_mean_of_order_16_everywhere_unless_local():
     mesh, x = ellipsoid(AXES, 0, 2)
     nu = SURFACE.normal(x)
     everywhere, local = (
-        WillmoreFlow(consistency_weight=kind).nodal_data(mesh, jnp.asarray(0.0), x, {"nu": nu})
+        nodal_data(WillmoreFlow(consistency_weight=kind), mesh, x, {"nu": nu})["alpha"]
         for kind in ("global", "local")
     )
-    mean = float(jnp.mean(local[:, 0] ** 16) ** (1 / 16))
-    np.testing.assert_allclose(everywhere[:, 0], mean, rtol=1e-12)
-    assert 0.75 * jnp.max(local[:, 0]) < mean <= jnp.max(local[:, 0])
-    assert jnp.min(local[:, 0]) < 0.5 * jnp.max(local[:, 0])
+    mean = float(jnp.mean(local**16) ** (1 / 16))
+    np.testing.assert_allclose(everywhere, mean, rtol=1e-12)
+    assert 0.75 * jnp.max(local) < mean <= jnp.max(local)
+    assert jnp.min(local) < 0.5 * jnp.max(local)
 
 
 def test_a_forcing_is_evaluated_at_the_extrapolated_nodes_and_the_new_time():
     mesh, x = icosphere(0, 1)
-    flow = WillmoreFlow(forcing=lambda t, p: t * p[2])
-    data = flow.nodal_data(mesh, jnp.asarray(3.0), 2 * x, {"nu": x})
-    np.testing.assert_allclose(data[:, 1], 6 * x[:, 2], rtol=1e-14)
+    flow = System(WillmoreFlow(), Forcing(lambda t, p: t * p[2]))
+    data = nodal_data(flow, mesh, 2 * x, {"nu": x}, t=3.0)
+    np.testing.assert_allclose(data["forcing"], 6 * x[:, 2], rtol=1e-14)
 
 
 def test_sizes_follow_the_scaling_of_the_law():
     """Lengths by λ: H ~ 1/λ, V ~ b/λ³, z ~ 1/λ², times ~ λ⁴/b."""
-    one, three = FLOW.scales(jnp.asarray(1.0)), FLOW.scales(jnp.asarray(3.0))
+    one, three = (FLOW.scales(FLOW.units(jnp.asarray(length))) for length in (1.0, 3.0))
     powers = [-1, -3, 0, 0, 0, -2, -2, -2]
     np.testing.assert_allclose(three / one, 3.0 ** np.array(powers), rtol=1e-14)
     assert one.shape == (FLOW.layout.width,)
-    np.testing.assert_allclose(FLOW.time_scale(jnp.asarray(3.0)), 81 / (2 * B_B), rtol=1e-14)
-    twice = WillmoreFlow(2 * B_B, H0)
-    np.testing.assert_allclose(twice.scales(jnp.asarray(1.0))[1], 2 * one[1], rtol=1e-14)
+    np.testing.assert_allclose(FLOW.units(jnp.asarray(3.0)).time, 81 / (2 * B_B), rtol=1e-14)
+    twice = as_system(WillmoreFlow(2 * B_B, H0))
+    speed = twice.scales(twice.units(jnp.asarray(1.0)))[1]
+    np.testing.assert_allclose(speed, 2 * one[1], rtol=1e-14)
 
 
 def test_the_energy_is_the_one_that_the_law_lowers():
@@ -316,7 +322,7 @@ def test_the_energy_is_the_one_that_the_law_lowers():
 def test_given_fields_are_taken_and_the_others_recovered():
     mesh, x = icosphere(0, 2)
     given = {"H": jnp.full(mesh.n_nodes, 2.0)}
-    fields = FLOW.initial_fields(mesh, x, given)
+    fields = FLOW.start(mesh, x, given)
     np.testing.assert_array_equal(fields["H"], given["H"])
     np.testing.assert_allclose(fields["nu"], x, atol=0.02)  # O(h³) on the coarsest mesh
     assert set(fields) == set(FLOW.evolving)
@@ -358,7 +364,8 @@ def test_parameters_may_be_traced():
 def test_a_spontaneous_curvature_that_no_mesh_of_this_size_resolves(H0):
     """On 42 nodes of a unit sphere neighbours are 0.55 apart; H₀ = 4 asks for radius ½."""
     mesh, x = icosphere(0, 2)
+    flow = as_system(WillmoreFlow(0.5, H0))
     with pytest.raises(ValueError, match="`spontaneous_curvature` must be below 1.8"):
-        WillmoreFlow(0.5, H0).initial_fields(mesh, x, {})
-    WillmoreFlow(0.5, H0).initial_fields(mesh, 0.1 * x, {})  # fine on a smaller surface
-    jax.jit(ft.partial(WillmoreFlow(0.5, H0).initial_fields, mesh, given={}))(x)  # not seen
+        flow.start(mesh, x, {})
+    flow.start(mesh, 0.1 * x, {})  # fine on a smaller surface
+    jax.jit(ft.partial(flow.start, mesh, given={}))(x)  # not seen
