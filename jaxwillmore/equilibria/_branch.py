@@ -4,23 +4,23 @@ import dataclasses
 from collections.abc import Callable
 
 import equinox as eqx
-import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
 from .._interrupts import interrupted
 from ..mesh import check_surface
+from ..phases import checked_width
 from ._diagnostics import mesh_health
 from ._equilibrium import LARGEST_STEP, Relaxation, settle
-from ._functional import N_GLOBALS, EquilibriumSystem, Path, Reference
-from ._parameters import Parameters, Units
+from ._functional import EquilibriumSystem, Path, Reference, concentration
+from ._line import line
+from ._parameters import Units
 from ._reference import advanced
 from ._results import BRANCH_RESULTS, RESULTS, message, name_of
 from ._shape import Equilibrium, finished
 from ._solve import Solved
 
-PARAMETERS = ("reduced_volume", "spontaneous_curvature", "pressure")
 FEW_ITERATIONS, MANY_ITERATIONS = 7, 12
 # The displacement that a step aims at, in units of the size of the surface.
 AIM = 0.06
@@ -58,10 +58,10 @@ class _Point(eqx.Module):
     """Where the branch is: a reference surface at its shape, unknowns, and the tangent there."""
 
     reference: Reference
-    y: Float[Array, "nodes 3"]
+    y: Float[Array, "nodes fields"]
     g: Float[Array, " globals"]
     tangent_s: Float[Array, " nodes"]
-    tangent_y: Float[Array, "nodes 3"]
+    tangent_y: Float[Array, "nodes fields"]
     tangent_g: Float[Array, " globals"]
 
     @property
@@ -77,10 +77,9 @@ class _Follower:
         flags = start.fixed_area, start.fixed_volume
         self.units: Units = start.units
         self.relaxation = Relaxation(start.mesh, flags, tolerance, linear_solver)
-        self.base, self.direction, self.scale, value = _line(start, parameter)
-        g = start.unknowns[-N_GLOBALS:]
-        r = self.relaxation.reference(self.units.inward(start.x))
-        y = start.Y * self.units.length / self.units.kappa
+        self.base, self.direction, self.scale, value = line(start, parameter)
+        y, g = start.nodal_unknowns
+        r = self.relaxation.reference(self.units.inward(start.x), start.c)
         g = g.at[-1].set(value / self.scale)
         zero = jnp.zeros_like
         self.point = _Point(r, y, g, zero(y[:, 0]), zero(y), zero(g))
@@ -126,7 +125,7 @@ class _Follower:
     def settled(self, system: EquilibriumSystem, solved: Solved):
         """The same parameter again, on the reference surface that belongs to the shape."""
         s, y, g = system.unpack(solved.unknowns)
-        r = self.relaxation.reference(advanced(system.reference, s))
+        r = self.relaxation.reference(advanced(system.reference, s), concentration(y))
         path = Path(self.direction, jnp.zeros_like(s), jnp.ones(()), g[-1])
         return settle(self.relaxation, self._system(r, path), y, g)
 
@@ -135,39 +134,12 @@ class _Follower:
         here = self.point
         s, y, g = system.unpack(solved.unknowns)
         X = advanced(here.reference, s)
-        r = self.relaxation.reference(X)
+        r = self.relaxation.reference(X, concentration(y))
         step_s = jnp.sum((X - here.reference.X) * r.n, axis=1)
         area = jnp.sum(r.mass)
         norm = jnp.sqrt(jnp.sum(step_s * r.times_mass(step_s)) / area + (g[-1] - here.g[-1]) ** 2)
         steps = step_s, y - here.y, g - here.g
         self.point = _Point(r, y, g, *(step / norm for step in steps))
-
-
-def _line(start: Equilibrium, parameter: str) -> tuple[Parameters, Parameters, float, float]:
-    """Base, direction, size of a typical change, and value at the start, of the parameter line."""
-    p, units = start.parameters, start.units
-    scaled = units.parameters(p)
-    zero = jnp.zeros(())
-    nothing = jax.tree.map(jnp.zeros_like, scaled)
-    if parameter == "reduced_volume":
-        if not (start.fixed_area and start.fixed_volume):
-            raise ValueError("A branch in `reduced_volume` needs area and volume held.")
-        scale, value = 0.5, float(start.reduced_volume)
-        rate = scaled.area**1.5 / (6 * jnp.sqrt(jnp.pi))
-        where = lambda q: q.volume
-    elif parameter == "spontaneous_curvature":
-        scale, value = 1 / float(start.area_radius), float(p.spontaneous_curvature)
-        rate, where = units.length, lambda q: q.spontaneous_curvature
-    elif parameter == "pressure":
-        if start.fixed_volume:
-            raise ValueError("A branch in `pressure` needs a free volume.")
-        scale = 10 * float(units.kappa / units.length**3)
-        value = float(p.pressure)
-        rate, where = units.length**3 / units.kappa, lambda q: q.pressure
-    else:
-        raise ValueError(f"`parameter` must be one of {PARAMETERS}; got {parameter!r}.")
-    base = eqx.tree_at(where, scaled, zero)
-    return base, eqx.tree_at(where, nothing, rate * scale), scale, value
 
 
 def branch(
@@ -195,8 +167,9 @@ def branch(
     **Arguments:**
 
     - `equilibrium`: the start; its held and free quantities stay as they are.
-    - `parameter`: `"reduced_volume"` (area and volume held), `"spontaneous_curvature"` or
-      `"pressure"` (volume free).
+    - `parameter`: `"reduced_volume"` (area and volume held), `"spontaneous_curvature"` (of one
+      phase) or `"pressure"` (volume free); of two phases also `"mean"`, the amount over the area
+      (held), `"line_tension"` or `"interface_width"`.
     - `stop`: the end, in the units of the parameter; the branch starts towards it.
     - `step0`, `max_step`, `min_step`: changes of the parameter in the first, largest and smallest
       step. After the first step they bound the arclength that a parameter step of that size has.
@@ -242,6 +215,12 @@ def _check_stop(equilibrium: Equilibrium, parameter: str, stop: float) -> None:
         raise ValueError(f"`stop` must be finite; got {stop!r}.")
     if parameter == "reduced_volume" and not 0 < stop <= 1:
         raise ValueError(f"A reduced volume lies in (0, 1]; got `stop` = {stop:.6g}.")
+    if parameter == "mean" and not 0 < stop < 1:
+        raise ValueError(f"A mean concentration lies in (0, 1); got `stop` = {stop:.6g}.")
+    if parameter in ("line_tension", "interface_width") and not stop > 0:
+        raise ValueError(f"`{parameter}` is positive; got `stop` = {stop:.6g}.")
+    if parameter == "interface_width":
+        checked_width(equilibrium.mesh, equilibrium.x, stop)
 
 
 class _Run:
@@ -272,7 +251,7 @@ class _Run:
             last = side * (ahead - stop) >= -limits[0]
             system, solved = f.to(stop) if last else f.along(length)
             s, _, g = system.unpack(solved.unknowns)
-            displaced = float(jnp.max(jnp.abs(s)))
+            displaced = float(system.largest_step(solved.unknowns))
             good = solved.converged and displaced < LARGEST_STEP
             if good and not last and side * (float(g[-1]) - stop) > 0:
                 # The curve bent towards the end: take the rest in one step of known size.
@@ -357,6 +336,11 @@ def _row(point: Equilibrium, parameter: str, value: float, iterations: int, step
         "newton_iterations": float(iterations),
         "step": step,
     }
+    if point.chemical_potential is not None:
+        row["total_energy"] = float(point.total_energy)
+        row["mixing_energy"] = float(point.mixing_energy)
+        row["chemical_potential"] = float(point.chemical_potential)
+        row["mean"] = float(point.parameters.amount / point.parameters.area)
     return {parameter: value} | row
 
 

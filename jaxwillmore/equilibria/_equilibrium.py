@@ -15,14 +15,10 @@ from ..energies import AbstractEnergy
 from ..linalg import EXACT
 from ..mesh import SurfaceMesh
 from ..surface import mean_curvature_vector
+from ._density import amount_of, area_and_volume
 from ._diagnostics import MIN_JACOBIAN, mesh_health
-from ._functional import (
-    N_GLOBALS,
-    EquilibriumSystem,
-    Reference,
-    area_and_volume,
-)
-from ._parameters import Parameters, Units
+from ._functional import EquilibriumSystem, Reference, concentration
+from ._parameters import Parameters, Units, moduli
 from ._reference import advanced, prepare, reference
 from ._results import RESULTS, message, name_of
 from ._shape import Equilibrium, constant_path, finished
@@ -42,6 +38,8 @@ VOLUME_RAMP = 0.03
 SMALLEST_RAMP = 1e-4
 # Steps that would be smaller than this at a pseudo-time step of order one are worth a try without.
 NEARLY_SETTLED, SETTLED_TAU = 0.02, 0.3
+# Largest change of the mean concentration in a step.
+AMOUNT_RAMP = 0.03
 # A displacement smaller than this leaves the mesh of the reference as it is.
 SETTLED = 2e-4
 # Discretisation error that a change of reference may show as a rise of the energy.
@@ -57,8 +55,9 @@ class Relaxation:
         self.rule, self.pattern = prepare(mesh)
         self.iterations = 0
 
-    def reference(self, X) -> Reference:
-        return reference(self.mesh, self.rule, self.pattern, X)
+    def reference(self, X, c=None) -> Reference:
+        """The reference surface with nodes `X`, which carry their concentration with them."""
+        return reference(self.mesh, self.rule, self.pattern, X, c)
 
     def system(self, r: Reference, parameters: Parameters, inverse_tau=0.0) -> EquilibriumSystem:
         area, volume = (jnp.asarray(flag) for flag in self.flags)
@@ -94,6 +93,9 @@ def equilibrium(
     reduced_volume=None,
     tension=None,
     pressure=None,
+    c: Float[Array, " nodes"] | None = None,
+    amount: Any = "initial",
+    mean=None,
     tolerance: float = 1e-10,
     max_outer: int = 60,
     stability: bool = True,
@@ -109,6 +111,10 @@ def equilibrium(
     $-\partial_M f/(2 b_b)$ of the spontaneous curvature; where area or volume are held, $\sigma$
     or $P$ is the multiplier instead. All are unknowns of one Newton system.
 
+    With a `TwoPhase` energy it is the stationary shape and concentration $c$ of
+    $\int b_b(c) (H - H_0(c))^2 + b_k(c) K + \Psi(c) + \tfrac\gamma2|\nabla_\Gamma c|^2 + f$, with
+    the amount $\int c$ held by the chemical potential $\mu$.
+
     Newton's method for one mixed functional on a frozen reference surface, made global by implicit
     pseudo-time steps after each of which the reference follows the shape with the least
     deformation. The last solve has no pseudo-time and a frozen reference: `resolve` repeats it as
@@ -118,8 +124,9 @@ def equilibrium(
 
     - `mesh`, `x0`: a closed surface near the shape wanted; an ellipsoid of the right reduced volume
       is near enough. Degree 2 is recommended.
-    - `energy`: a sum of global energies and at most one `CanhamHelfrich` (or `Willmore`) energy;
-      its Gaussian term is constant on a closed surface and left out of all results.
+    - `energy`: a sum of global energies and at most one `CanhamHelfrich` (or `Willmore`) energy,
+      whose Gaussian term is constant on a closed surface and left out of all results; or a
+      `TwoPhase` energy in its place.
     - `bending_modulus`: $b_b = \kappa/2$, 0.5 by default; unless `energy` bends.
     - `spontaneous_curvature`: $H_0$ for $H = \kappa_1 + \kappa_2$, 0 by default; likewise.
     - `area`: `"initial"`, a number, or `None` when free. The surface is scaled to a number.
@@ -128,6 +135,11 @@ def equilibrium(
     - `tension`: $\sigma$ in place of a held area (0 if `area=None`), beside that of `energy`.
     - `pressure`: $P = P_{in} - P_{out}$ in place of a held volume (0 if nothing is said), beside
       that of `energy`.
+    - `c`: the concentration to start from, with a two-phase energy: `phases.stripe`, or the end of
+      a flow.
+    - `amount`: $\int c$: `"initial"` or a number. With a number for `area` the initial amount is
+      scaled like the area.
+    - `mean`: instead of `amount`, $\int c$ over the area that is held.
     - `tolerance`: largest error of the dimensionless unknowns.
     - `max_outer`: pseudo-time steps, rejected ones included.
     - `stability`: count the negative directions.
@@ -137,15 +149,18 @@ def equilibrium(
 
     **Raises:** `ValueError` for impossible targets, with the allowed range; `RuntimeError`.
 
-    *Limits:* a modulus and a spontaneous curvature that are the same everywhere. Newton's method
-    also finds saddles: read `negative_directions`. Area and volume held together become dependent
-    as the reduced volume approaches 1.
+    *Limits:* moduli that are the same everywhere or depend on $c$, not on the place. Newton's
+    method also finds saddles: read `negative_directions`. Area and volume held together become
+    dependent as the reduced volume approaches 1.
 
     ```python
     mesh, x = jw.equilibria.spheroid(0.8, level=2)
     shape = jw.equilibria.equilibrium(mesh, x, reduced_volume=0.8)
     energy = jw.energies.CanhamHelfrich(0.5) + jw.energies.OsmoticPressure(3.5, 1.0, 1.0, 20.0)
     swollen = jw.equilibria.equilibrium(mesh, x, energy)  # area held, volume by osmosis
+    energy = jw.energies.TwoPhase(0.5, line_tension=4.0, interface_width=0.3)
+    stripe = jw.phases.stripe(mesh, x, 0.3)
+    halves = jw.equilibria.equilibrium(mesh, x, energy, c=stripe, reduced_volume=0.85)
     ```
     """
     started = time.perf_counter()
@@ -163,6 +178,9 @@ def equilibrium(
         reduced_volume=reduced_volume,
         tension=tension,
         pressure=pressure,
+        c=c,
+        amount=amount,
+        mean=mean,
     )
     units = Units(
         jnp.sqrt(target.area / (4 * jnp.pi)),
@@ -172,7 +190,8 @@ def equilibrium(
     relaxation = Relaxation(mesh, flags, tolerance, linear_solver)
     now = area_and_volume(mesh, relaxation.rule, x0)[0]
     X = units.inward(x0) * jnp.sqrt(target.area / now)
-    ended = relax(relaxation, X, units.parameters(target), max_outer, observer)
+    c = None if c is None else jnp.asarray(c, float)
+    ended = relax(relaxation, X, units.parameters(target), max_outer, observer, c)
     return concluded(relaxation, ended, units, stability, throw, started)
 
 
@@ -193,16 +212,15 @@ def concluded(relaxation: Relaxation, ended, units: Units, stability: bool, thro
     return eq
 
 
-def relax(relaxation: Relaxation, X, target: Parameters, max_outer: int, observer):
-    """Pseudo-time steps from nodes `X` to the final solve, all dimensionless."""
+def relax(relaxation: Relaxation, X, target: Parameters, max_outer: int, observer, c=None):
+    """Pseudo-time steps from nodes `X` and a concentration to the final solve, dimensionless."""
     mesh = relaxation.mesh
-    r = relaxation.reference(X)
-    y = target.bending_modulus * mean_curvature_vector(mesh, X)
-    y = y - target.bending_modulus * target.spontaneous_curvature * r.n
-    g, tau, rate = jnp.zeros(N_GLOBALS), FIRST_TAU, VOLUME_RAMP
-    volume = area_and_volume(mesh, relaxation.rule, X)[1]
-    result = RESULTS.not_settled
+    r = relaxation.reference(X, c)
+    y = _first_fields(r, target)
     system = relaxation.system(r, target)
+    g, tau, rate = jnp.zeros(system.n_globals), FIRST_TAU, VOLUME_RAMP
+    held = _held(r)
+    result = RESULTS.not_settled
     # The last accepted step: what is returned when nothing settles.
     start = system.pack(jnp.zeros(len(X)), y, g)
     untried = optx.RESULTS.nonlinear_max_steps_reached
@@ -210,13 +228,11 @@ def relax(relaxation: Relaxation, X, target: Parameters, max_outer: int, observe
     for outer in range(1, max_outer + 1):
         if interrupted():
             return *best, RESULTS.interrupted, outer - 1
-        ramp = jnp.clip(target.volume, (1 - rate) * volume, (1 + rate) * volume)
-        ramping = relaxation.flags[1] and bool(jnp.abs(ramp / volume - 1) > SMALLEST_RAMP)
-        aim = eqx.tree_at(lambda p: p.volume, target, ramp)
+        aim, ramping, arrived = _ramped(relaxation, held, target, rate)
         system = relaxation.system(r, aim, 1 / tau)
         solved = relaxation.solve(system, y, g, loose=True)
         s, new_y, new_g = system.unpack(solved.unknowns)
-        size = float(jnp.max(jnp.abs(s)))
+        size = float(system.largest_step(solved.unknowns))
         fold = not mesh_health(mesh, r.positions(s)).min_jacobian > MIN_JACOBIAN
         accepted = solved.converged and size < LARGEST_STEP and not fold
         if observer is not None:
@@ -235,14 +251,47 @@ def relax(relaxation: Relaxation, X, target: Parameters, max_outer: int, observe
             continue
         best = system, solved
         before = float(system.objective(solved.unknowns))
-        r, y, g, volume = relaxation.reference(advanced(r, s)), new_y, new_g, ramp
-        arrived = not relaxation.flags[1] or bool(ramp == target.volume)
+        r, y, g = relaxation.reference(advanced(r, s), concentration(new_y)), new_y, new_g
+        held = aim.volume, aim.amount
         if arrived and size * max(1.0, SETTLED_TAU / tau) < NEARLY_SETTLED:
             final = settle(relaxation, relaxation.system(r, target), y, g, before)
             if final is not None:
                 return *final, RESULTS.converged, outer
         tau, rate = tau * GROWTH, min(1.5 * rate, VOLUME_RAMP)
     return *best, result, max_outer
+
+
+def _first_fields(r: Reference, target: Parameters):
+    """The moment of the nodes, and the concentration beside it if there is one."""
+    kappa, H0 = moduli(target, r.c)
+    if r.c is None:
+        return kappa * mean_curvature_vector(r.mesh, r.X) - kappa * H0 * r.n
+    kappa, H0 = (jnp.broadcast_to(m, r.c.shape)[:, None] for m in (kappa, H0))
+    y = kappa * (mean_curvature_vector(r.mesh, r.X) - H0 * r.n)
+    return jnp.concatenate([y, r.c[:, None]], axis=1)
+
+
+def _held(r: Reference):
+    """Volume and amount, which are ramped from those of the start to those that are held."""
+    volume = area_and_volume(r.mesh, r.rule, r.X)[1]
+    return volume, None if r.c is None else amount_of(r.mesh, r.rule, r.X, r.c)
+
+
+def _ramped(relaxation: Relaxation, held, target: Parameters, rate: float):
+    """Targets of a step, whether they are far from what is held now, and whether they are final."""
+    volume, amount = held
+    ramp = jnp.clip(target.volume, (1 - rate) * volume, (1 + rate) * volume)
+    aim = eqx.tree_at(lambda p: p.volume, target, ramp)
+    moved, arrived = jnp.abs(ramp / volume - 1), ramp == target.volume
+    if not relaxation.flags[1]:
+        moved, arrived = jnp.zeros(()), jnp.asarray(True)
+    if target.amount is not None:
+        most = rate * AMOUNT_RAMP / VOLUME_RAMP * target.area
+        ramp = jnp.clip(target.amount, amount - most, amount + most)
+        aim = eqx.tree_at(lambda p: p.amount, aim, ramp)
+        moved = jnp.maximum(moved, jnp.abs(ramp - amount) / target.area)
+        arrived = arrived & (ramp == target.amount)
+    return aim, bool(moved > SMALLEST_RAMP), bool(arrived)
 
 
 def settle(relaxation: Relaxation, system: EquilibriumSystem, y, g, before: float | None = None):
@@ -256,7 +305,7 @@ def settle(relaxation: Relaxation, system: EquilibriumSystem, y, g, before: floa
         solved = relaxation.solve(system, y, g)
         found = system, solved
         s, y, g = system.unpack(solved.unknowns)
-        size = float(jnp.max(jnp.abs(s)))
+        size = float(system.largest_step(solved.unknowns))
         if not solved.converged or size > LARGEST_STEP:
             return None
         if before is not None:
@@ -265,11 +314,10 @@ def settle(relaxation: Relaxation, system: EquilibriumSystem, y, g, before: floa
             if after > before + RISE * abs(before):
                 return None
             before = after
-        if size < SETTLED:
+        if float(jnp.max(jnp.abs(s))) < SETTLED:
             break
-        system = eqx.tree_at(
-            lambda q: q.reference, system, relaxation.reference(advanced(system.reference, s))
-        )
+        r = relaxation.reference(advanced(system.reference, s), concentration(y))
+        system = eqx.tree_at(lambda q: q.reference, system, r)
     return found
 
 

@@ -4,7 +4,8 @@ import equinox as eqx
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
-from ..energies import AbstractEnergy, AbstractGlobalEnergy, terms_of
+from ..energies import AbstractEnergy, AbstractGlobalEnergy, TwoPhase, terms_of
+from ._phases import ScaledPhases
 
 
 class Parameters(eqx.Module):
@@ -18,6 +19,10 @@ class Parameters(eqx.Module):
     - `tension`, `pressure`: $\sigma$ and $P = P_{in} - P_{out}$ that are applied, where area or
       volume are free.
     - `global_energy`: a sum of energies of area, volume and total mean curvature, or `None`.
+    - `two_phase`: the energy of a membrane with a concentration, or `None`. Its moduli are in
+      force then, and `bending_modulus` and `spontaneous_curvature`, the means of the two phases,
+      are not.
+    - `amount`: $\int c$, held, of a membrane with a concentration.
     """
 
     bending_modulus: Float[Array, ""]
@@ -27,6 +32,8 @@ class Parameters(eqx.Module):
     tension: Float[Array, ""]
     pressure: Float[Array, ""]
     global_energy: AbstractEnergy | None = None
+    two_phase: TwoPhase | ScaledPhases | None = None
+    amount: Float[Array, ""] | None = None
 
 
 class Scaled(AbstractGlobalEnergy):
@@ -57,12 +64,16 @@ class Units(eqx.Module):
 
     def outward(self, X: Float[Array, "nodes 3"]) -> Float[Array, "nodes 3"]:
         """Nodes in the units of the user; the inverse of `inward`."""
-        return self.origin[None] + self.length * X
+        # A product of matrices is computed once. A product of numbers, fused with what follows, XLA
+        # may compute twice with different rounding: the derivative of the largest coordinate would
+        # find no node that has it.
+        return self.origin[None] + X @ (self.length * jnp.eye(3))
 
     def parameters(self, p: Parameters) -> Parameters:
         """Dimensionless parameters; the modulus becomes $\\kappa$ in its unit."""
         L, kappa = self.length, self.kappa
-        energy = p.global_energy
+        energy, phases = p.global_energy, p.two_phase
+        assert not isinstance(phases, ScaledPhases)
         return Parameters(
             2 * p.bending_modulus / kappa,
             p.spontaneous_curvature * L,
@@ -71,4 +82,19 @@ class Units(eqx.Module):
             p.tension * L**2 / kappa,
             p.pressure * L**3 / kappa,
             None if energy is None else Scaled(energy, L, kappa),
+            None if phases is None else ScaledPhases(phases, L, kappa),
+            None if p.amount is None else p.amount / L**2,
         )
+
+
+def moduli(p: Parameters, c) -> tuple[Float[Array, "..."], Float[Array, "..."]]:
+    r"""$\kappa$ and $H_0$ of dimensionless parameters, where the concentration is `c` if any."""
+    if isinstance(p.two_phase, ScaledPhases):
+        return p.two_phase.kappa_at(c), p.two_phase.curvature_at(c)
+    return p.bending_modulus, p.spontaneous_curvature
+
+
+def phases_of(p: Parameters) -> ScaledPhases:
+    """The two-phase energy of dimensionless parameters that have one."""
+    assert isinstance(p.two_phase, ScaledPhases)
+    return p.two_phase

@@ -7,11 +7,11 @@ import lineax as lx
 import numpy as np
 from jaxtyping import Array, Float
 
-from ..fem import Rule, gather, point, rule_for
+from ..fem import Rule, gather, load, point, rule_for
 from ..linalg import BlockPattern, SparseOperator, SparseSolver, block_pattern, scatter_blocks
 from ..mesh import SurfaceMesh
 from ..surface import recover_normal
-from ._functional import Reference
+from ._frozen import Reference
 
 # Degrees of exactness at which the energy is as good as with any higher one (P1, P2, P3, P4).
 QUADRATURE_DEGREES = {1: 4, 2: 6, 3: 8, 4: 10}
@@ -24,19 +24,35 @@ def prepare(mesh: SurfaceMesh) -> tuple[Rule, BlockPattern]:
 
 @eqx.filter_jit
 def reference(
-    mesh: SurfaceMesh, rule: Rule, pattern: BlockPattern, X: Float[Array, "nodes 3"]
+    mesh: SurfaceMesh,
+    rule: Rule,
+    pattern: BlockPattern,
+    X: Float[Array, "nodes 3"],
+    c: Float[Array, " nodes"] | None = None,
 ) -> Reference:
-    """The reference surface with nodes `X`.
+    r"""The reference surface with nodes `X`, and the concentration `c` on it if there is one.
 
     Its normals are the normalised L² projection of the element normals; its rigid rows are the
-    normal parts of three translations and three rotations about the mean node, tested.
+    normal parts of three translations and three rotations about the mean node, tested. A node that
+    moves along its normal only stays behind a motion t by its tangential part: there c changes by
+    $-\nabla c\cdot t$.
     """
     mass, stiffness = _matrices(mesh, rule, pattern, X)
     n = recover_normal(mesh, X)
     arm = X - jnp.mean(X, axis=0, keepdims=True)
     motions = jnp.concatenate([n, jnp.cross(arm, n)], axis=1)
     rigid = jnp.zeros_like(motions).at[pattern.rows].add(mass[:, None] * motions[pattern.cols])
-    return Reference(mesh, rule, pattern, X, n, mass, stiffness, rigid.T)
+    of_c = None if c is None else _left_behind(mesh, X, arm, c).T
+    return Reference(mesh, rule, pattern, X, n, mass, stiffness, rigid.T, c, of_c)
+
+
+def _left_behind(mesh, X, arm, c) -> Float[Array, "nodes 6"]:
+    """What six rigid motions change of a concentration that does not move, tested."""
+
+    def tested(_, f, phi, __):
+        return -phi * jnp.concatenate([f.c.grad, jnp.cross(f.arm.value, f.c.grad)])
+
+    return load(mesh, X, tested, {"c": c, "arm": arm})
 
 
 def _matrices(mesh, rule, pattern, X):

@@ -3,8 +3,9 @@
 import time
 
 from ..mesh import prolongate, refine
+from ._density import PATH
 from ._equilibrium import Relaxation, concluded, relax, settle
-from ._functional import N_GLOBALS, PATH
+from ._functional import concentration
 from ._results import RESULTS
 from ._shape import Equilibrium
 
@@ -20,10 +21,10 @@ def refined(
 ) -> Equilibrium:
     r"""The equilibrium with the same parameters on a mesh with four triangles for each.
 
-    The coarse shape, its moment $Y$ and its multipliers are functions on the finer mesh too and
-    start Newton's method there; a handful of iterations are left to do. A fine equilibrium by way
-    of coarse ones costs a fraction of one from a poor start, and the differences between levels
-    show the discretisation error.
+    The coarse shape, its moment $Y$, its concentration and its multipliers are functions on the
+    finer mesh too and start Newton's method there; a handful of iterations are left to do. A fine
+    equilibrium by way of coarse ones costs a fraction of one from a poor start, and the differences
+    between levels show the discretisation error.
 
     **Arguments:** those of the same names of `equilibrium`; `max_outer` counts the pseudo-time
     steps that are taken should Newton's method not reach the fine shape at once.
@@ -45,13 +46,14 @@ def refined(
     target = units.parameters(equilibrium.parameters)
     flags = equilibrium.fixed_area, equilibrium.fixed_volume
     relaxation = Relaxation(mesh, flags, tolerance, linear_solver)
-    system = relaxation.system(relaxation.reference(X), target)
+    fields, g = equilibrium.nodal_unknowns
+    y = prolongate(coarse, fields)
     # The path parameter of a branch is not one here.
-    g = equilibrium.unknowns[-N_GLOBALS:].at[PATH].set(0.0)
-    y = prolongate(coarse, equilibrium.Y * units.length / units.kappa)
+    g = g.at[PATH].set(0.0)
+    system = relaxation.system(relaxation.reference(X, concentration(y)), target)
     found = settle(relaxation, system, y, g)
     if found is None:
-        ended = relax(relaxation, X, target, max_outer, None)
+        ended = relax(relaxation, X, target, max_outer, None, concentration(y))
     else:
         ended = *found, RESULTS.converged, 0
     return concluded(relaxation, ended, units, stability, throw, started)

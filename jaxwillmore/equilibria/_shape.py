@@ -9,17 +9,11 @@ import optimistix as optx
 from jaxtyping import Array, Bool, Float
 
 from ..mesh import SurfaceMesh
+from ._density import CURVATURE, PATH, POTENTIAL, PRESSURE, TENSION, amount_of, area_and_volume
 from ._diagnostics import MeshHealth, mesh_health
-from ._functional import (
-    CURVATURE,
-    PRESSURE,
-    TENSION,
-    EquilibriumSystem,
-    Path,
-    Reference,
-    area_and_volume,
-)
+from ._functional import N_GLOBALS, EquilibriumSystem, Path, Reference, concentration
 from ._parameters import Parameters, Scaled, Units
+from ._phases import ScaledPhases
 from ._results import RESULTS
 from ._solve import Solved, newton
 from ._stability import lowest_modes
@@ -35,11 +29,15 @@ class Equilibrium(eqx.Module):
     - `mesh`, `x`: the shape.
     - `Y`: nodal field $2 b_b (H - \hat H_0)\nu$, the moment that is in equilibrium;
       $\hat H_0 = H_0 - m/(2 b_b)$.
-    - `energy`: $b_b\int (H - H_0)^2$, by the mixed functional.
+    - `c`: the concentration of a membrane of two phases, or `None`.
+    - `energy`: $\int b_b (H - H_0)^2$, by the mixed functional.
     - `global_energy`: value of the global energies.
+    - `mixing_energy`, `gaussian_energy`: $\int\Psi + \tfrac\gamma2|\nabla c|^2$ and
+      $\int b_k(c) K$ of two phases; zero for one.
     - `tension`, `pressure`: $\sigma$ and $P = P_{in} - P_{out}$: multipliers, or the slopes
       $\partial_A f$ and $-\partial_V f$ of the global energies plus what is applied.
     - `curvature_multiplier`: $m = \partial_M f$; zero unless an energy depends on $M$.
+    - `chemical_potential`: $\mu = \partial E/\partial\int c$ of two phases, or `None`.
     - `total_mean_curvature`: $M = \int H$.
     - `parameters`: all parameters at the solution, area and volume included.
     - `residual`: largest entry of the dimensionless equations.
@@ -53,11 +51,15 @@ class Equilibrium(eqx.Module):
     mesh: SurfaceMesh
     x: Float[Array, "nodes 3"]
     Y: Float[Array, "nodes 3"]
+    c: Float[Array, " nodes"] | None
     energy: Float[Array, ""]
     global_energy: Float[Array, ""]
+    mixing_energy: Float[Array, ""]
+    gaussian_energy: Float[Array, ""]
     tension: Float[Array, ""]
     pressure: Float[Array, ""]
     curvature_multiplier: Float[Array, ""]
+    chemical_potential: Float[Array, ""] | None
     total_mean_curvature: Float[Array, ""]
     parameters: Parameters
     residual: float
@@ -72,6 +74,25 @@ class Equilibrium(eqx.Module):
     stats: dict[str, Any]
 
     @property
+    def total_energy(self) -> Float[Array, ""]:
+        """All energies together."""
+        return _total(self)
+
+    @property
+    def nodal_unknowns(self) -> tuple[Float[Array, "nodes fields"], Float[Array, " globals"]]:
+        """Without dimension: `Y` with `c` beside it if there is one, and the global unknowns."""
+        y = self.Y * self.units.length / self.units.kappa
+        m = N_GLOBALS if self.c is None else N_GLOBALS + 1
+        fields = y if self.c is None else jnp.concatenate([y, self.c[:, None]], axis=1)
+        return fields, self.unknowns[-m:]
+
+    @property
+    def mean_concentration(self) -> Float[Array, ""] | None:
+        r"""$\int c$ over the area, or `None`."""
+        p = self.parameters
+        return None if p.amount is None else p.amount / p.area
+
+    @property
     def reduced_volume(self) -> Float[Array, ""]:
         r"""$v = 6\sqrt\pi\,V_p/|\Gamma|^{3/2}$."""
         return 6 * jnp.sqrt(jnp.pi) * self.parameters.volume / self.parameters.area**1.5
@@ -83,7 +104,11 @@ class Equilibrium(eqx.Module):
 
     @property
     def bending_over_8pi_kappa(self) -> Float[Array, ""]:
-        r"""$E/(8\pi\kappa)$ with $\kappa = 2 b_b$: 1 for a sphere at $H_0 = 0$."""
+        r"""$E/(8\pi\kappa)$ with $\kappa = 2 b_b$: 1 for a sphere at $H_0 = 0$.
+
+        Of two phases, E is the energy of bending alone and $\kappa$ the mean of both; likewise for
+        the scaled multipliers below.
+        """
         return self.energy / (16 * jnp.pi * self.parameters.bending_modulus)
 
     @property
@@ -116,8 +141,16 @@ class Equilibrium(eqx.Module):
 def constant_path(r: Reference, parameters: Parameters) -> Path:
     """No path: the extra unknown is zero."""
     zero = jnp.zeros(())
-    nothing = jax.tree.map(jnp.zeros_like, parameters)
-    return Path(nothing, jnp.zeros(r.X.shape[0]), jnp.ones(()), zero)
+    return Path(no_direction(parameters), jnp.zeros(r.X.shape[0]), jnp.ones(()), zero)
+
+
+def no_direction(parameters: Parameters) -> Parameters:
+    """Zeros in the shape of parameters; functions among them stay what they are."""
+    return jax.tree.map(lambda a: jnp.zeros_like(a) if eqx.is_array(a) else a, parameters)
+
+
+def _total(shape):
+    return shape.energy + shape.global_energy + shape.mixing_energy + shape.gaussian_energy
 
 
 class Resolved(eqx.Module):
@@ -129,16 +162,26 @@ class Resolved(eqx.Module):
 
     x: Float[Array, "nodes 3"]
     Y: Float[Array, "nodes 3"]
+    c: Float[Array, " nodes"] | None
     energy: Float[Array, ""]
     global_energy: Float[Array, ""]
+    mixing_energy: Float[Array, ""]
+    gaussian_energy: Float[Array, ""]
     tension: Float[Array, ""]
     pressure: Float[Array, ""]
     curvature_multiplier: Float[Array, ""]
+    chemical_potential: Float[Array, ""] | None
     total_mean_curvature: Float[Array, ""]
     area: Float[Array, ""]
     volume: Float[Array, ""]
+    amount: Float[Array, ""] | None
     unknowns: Float[Array, " unknowns"]
     converged: Bool[Array, ""]
+
+    @property
+    def total_energy(self) -> Float[Array, ""]:
+        """All energies together."""
+        return _total(self)
 
 
 def resolve(
@@ -154,7 +197,9 @@ def resolve(
     theorem: one solve with the matrix of the last Newton iteration. The exact discrete identities
     $\partial E/\partial V_0 = P$, $\partial E/\partial A_0 = -\sigma$ and
     $\partial E/\partial H_0 = -\int y\cdot\nu + m A$ hold to the tolerance for the sum E of all
-    energies, where those of area and volume do not enter what is held.
+    energies, where those of area and volume do not enter what is held; with two phases also
+    $\partial E/\partial\int c = \mu$, and by a parameter of the two-phase energy the derivative of
+    that energy at the shape and the concentration as they are.
 
     **Arguments:**
 
@@ -170,10 +215,13 @@ def resolve(
         return jw.equilibria.resolve(shape, p).tension
 
     slope = jax.grad(tension)(shape.parameters.volume)
+    line = lambda p: p.two_phase.mixing.well.line_tension  # as above, of two phases
     ```
     """
     r, units = equilibrium.reference, equilibrium.units
     flags = jnp.asarray(equilibrium.fixed_area), jnp.asarray(equilibrium.fixed_volume)
+    if (parameters.two_phase is None) != (equilibrium.c is None):
+        raise ValueError("`parameters` must have a `two_phase` energy just as the equilibrium has.")
     return _resolved(r, units, flags, equilibrium.unknowns, parameters, tolerance, linear_solver)
 
 
@@ -183,31 +231,36 @@ def _resolved(r, units, flags, start, parameters, tolerance, linear_solver) -> R
     area, volume = flags
     path = constant_path(r, scaled)
     system = EquilibriumSystem(r, scaled, path, area, volume, jnp.zeros(()))
-    start = start.at[-1].set(0.0)
+    start = start.at[PATH].set(0.0)
     solved = newton(system, start, tolerance, 20, linear_solver)
     converged = solved.result == optx.RESULTS.successful
     found = dimensional(system, solved.unknowns, units)
     return Resolved(**found, unknowns=solved.unknowns, converged=converged)
 
 
-def dimensional(system: EquilibriumSystem, unknowns, units: Units) -> dict[str, Array]:
+def dimensional(system: EquilibriumSystem, unknowns, units: Units) -> dict[str, Any]:
     """What `Resolved` holds, in the units of the user."""
     r, L, kappa = system.reference, units.length, units.kappa
-    s, y, g = system.unpack(unknowns)
-    x = r.positions(s)
+    s, fields, g = system.unpack(unknowns)
+    x, c = r.positions(s), concentration(fields)
     area, volume = area_and_volume(r.mesh, r.rule, x)
-    bending, of, M = system.energies(unknowns)
+    energies = system.energies(unknowns)
     return {
         "x": units.outward(x),
-        "Y": y * kappa / L,
-        "energy": kappa * bending,
-        "global_energy": kappa * of,
+        "Y": (fields if c is None else fields[:, :3]) * kappa / L,
+        "c": c,
+        "energy": kappa * energies.bending,
+        "global_energy": kappa * energies.of_measures,
+        "mixing_energy": kappa * energies.mixing,
+        "gaussian_energy": kappa * energies.gaussian,
         "tension": g[TENSION] * kappa / L**2,
         "pressure": g[PRESSURE] * kappa / L**3,
         "curvature_multiplier": g[CURVATURE] * kappa / L,
-        "total_mean_curvature": M * L,
+        "chemical_potential": None if c is None else g[POTENTIAL] * kappa / L**2,
+        "total_mean_curvature": energies.total_mean_curvature * L,
         "area": area * L**2,
         "volume": volume * L**3,
+        "amount": None if c is None else amount_of(r.mesh, r.rule, x, c) * L**2,
     }
 
 
@@ -226,7 +279,7 @@ def finished(
     """Translate a dimensionless solution and look at its stability."""
     r = system.reference
     found = _dimensional(system, solved.unknowns, units)
-    p, L, kappa = system.at(solved.unknowns[-1]), units.length, units.kappa
+    p, L, kappa = system.at(solved.unknowns[PATH]), units.length, units.kappa
     fixed_area, fixed_volume = bool(system.fixed_area), bool(system.fixed_volume)
     parameters = Parameters(
         p.bending_modulus * kappa / 2,
@@ -236,6 +289,8 @@ def finished(
         found["tension"] if fixed_area else p.tension * kappa / L**2,
         found["pressure"] if fixed_volume else p.pressure * kappa / L**3,
         p.global_energy.energy if isinstance(p.global_energy, Scaled) else None,
+        p.two_phase.energy if isinstance(p.two_phase, ScaledPhases) else None,
+        found.pop("amount"),
     )
     values: tuple[float, ...] = ()
     if stability and bool(result == RESULTS.converged):

@@ -10,7 +10,8 @@ from jaxtyping import Array, Float
 from scipy.sparse.linalg import LinearOperator, eigsh
 
 from ..linalg import SparseOperator, SparseSolver
-from ._functional import N_GLOBALS, EquilibriumSystem
+from ._density import PRESSURE, TENSION
+from ._functional import EquilibriumSystem
 
 
 def lowest_modes(
@@ -18,7 +19,7 @@ def lowest_modes(
     unknowns: Float[Array, " unknowns"],
     count: int = 8,
     linear_solver: str = "direct",
-) -> tuple[Float[np.ndarray, " modes"], Float[np.ndarray, "nodes modes"]]:
+) -> tuple[Float[np.ndarray, " modes"], Float[np.ndarray, "components modes"]]:
     r"""The lowest eigenvalues of the constrained second variation.
 
     With C the rows of the constraints that are held (area, volume) and S the second variation by
@@ -26,25 +27,29 @@ def lowest_modes(
     $C s = 0$. One factorisation of the saddle-point matrix with $S + cM$ in place of S applies the
     inverse on the constrained space; Lanczos (ARPACK) on it finds the smallest $\lambda + c$.
 
+    With a concentration the variation is by $(s, c)$, the amount is held too, and M measures a
+    change of $c$ by one like a displacement by the unit of length.
+
     **Returns:**
 
-    Eigenvalues in units of $\kappa/R_0^4$, ascending; modes as columns of normal displacements.
+    Eigenvalues in units of $\kappa/R_0^4$, ascending; modes as columns of normal displacements,
+    below them the changes of the concentration if there is one.
 
-    *Limits:* eigenvalues below $-c$ with $c = 50\,(10 + |\hat\sigma| + |\hat P|)$ would be missed.
+    *Limits:* eigenvalues below $-c$ with $c = 50\,(10 + |\hat\sigma| + |\hat P|)$ would be missed;
+    those of a quartic well are above $-3\hat\lambda/\hat\ell$.
     """
-    g = system.unpack(unknowns)[2]
-    shift = 50.0 * (10.0 + float(jnp.abs(g[0]) + jnp.abs(g[1])))
-    r = system.reference
-    n = r.X.shape[0]
+    r, g = system.reference, system.unpack(unknowns)[2]
+    shift = 50.0 * (10.0 + float(jnp.abs(g[TENSION]) + jnp.abs(g[PRESSURE])))
+    n = r.X.shape[0] * (2 if system.has_phases else 1)
     solver = SparseSolver(rtol=1e-10, method=linear_solver)
     operator = _shifted(system, unknowns, jnp.asarray(shift))
     state = solver.init(operator, {})
-    M = sp.csr_matrix(
-        (np.asarray(r.mass), np.asarray(r.pattern.cols), np.asarray(r.pattern.indptr)), (n, n)
-    )
+    entries = (np.asarray(a) for a in (r.mass, r.pattern.cols, r.pattern.indptr))
+    M = sp.csr_matrix(tuple(entries))
+    M = sp.block_diag([M, M], "csr") if system.has_phases else M
 
     def inverse(b):
-        return np.asarray(_applied(operator, state, solver, jnp.asarray(b)))
+        return np.asarray(_applied(system, operator, state, solver, jnp.asarray(b)))
 
     def operator_of(matvec):
         return LinearOperator((n, n), matvec=matvec, dtype=float)  # pyright: ignore
@@ -78,8 +83,12 @@ def _shifted(system, unknowns, shift) -> SparseOperator:
 
 
 @eqx.filter_jit
-def _applied(operator, state, solver, b):
-    n = b.shape[0]
-    rhs = jnp.concatenate([jnp.zeros((n, 4)).at[:, 0].set(b).reshape(-1), jnp.zeros(N_GLOBALS)])
+def _applied(system, operator, state, solver, b):
+    """The inverse, from and to displacements with changes of c below them if there are any."""
+    fields = jnp.array([0, 4] if system.has_phases else [0])
+    parts = b.reshape(len(fields), -1).T
+    nodal = jnp.zeros((len(parts), system.n_fields)).at[:, fields].set(parts)
+    rhs = jnp.concatenate([nodal.reshape(-1), jnp.zeros(system.n_globals)])
     solution = lx.linear_solve(operator, rhs, solver, state=state, throw=False)
-    return jax.lax.stop_gradient(solution.value)[: 4 * n].reshape(n, 4)[:, 0]
+    found = jax.lax.stop_gradient(solution.value)[: nodal.size].reshape(nodal.shape)
+    return found[:, fields].T.reshape(-1)

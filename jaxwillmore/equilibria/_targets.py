@@ -4,8 +4,9 @@ import jax.numpy as jnp
 import numpy as np
 
 from ..energies import finite, positive
+from ..phases import checked_width
+from ._density import amount_of, area_and_volume
 from ._energy import split
-from ._functional import area_and_volume
 from ._parameters import Parameters
 from ._reference import prepare
 
@@ -23,6 +24,18 @@ def checked_start(mesh, x0):
     return x0
 
 
+def checked_concentration(mesh, c):
+    """One finite number for every node."""
+    c = jnp.asarray(c, float)
+    if c.shape != (mesh.n_nodes,):
+        raise ValueError(
+            f"`c` needs one number for each of the {mesh.n_nodes} nodes; got shape {c.shape}."
+        )
+    if not bool(jnp.all(jnp.isfinite(c))):
+        raise ValueError("`c` holds values that are not finite.")
+    return c
+
+
 def targets(
     mesh,
     x0,
@@ -35,10 +48,14 @@ def targets(
     reduced_volume,
     tension,
     pressure,
+    c=None,
+    amount="initial",
+    mean=None,
 ) -> tuple[Parameters, tuple[bool, bool]]:
     """Parameters, and whether area and volume are held; refuses what cannot be."""
-    modulus, curvature, global_energy = split(energy, bending_modulus, spontaneous_curvature)
-    now_area, now_volume = area_and_volume(mesh, prepare(mesh)[0], x0)
+    parts = split(energy, bending_modulus, spontaneous_curvature)
+    rule = prepare(mesh)[0]
+    now_area, now_volume = area_and_volume(mesh, rule, x0)
     if float(now_volume) <= 0:
         raise ValueError(f"`x0` encloses volume {float(now_volume):.3g}: turn its normals outward.")
     fixed_area = tension is None and area is not None
@@ -77,13 +94,42 @@ def targets(
             "keeps the area and lowers the volume; start from `equilibria.spheroid` or another "
             "shape that is not round."
         )
+    held_amount = None
+    if parts.two_phase is None:
+        if not (c is None and mean is None and amount == "initial"):
+            raise ValueError("`c`, `amount` and `mean` go with a two-phase `energy`.")
+    else:
+        if c is None:
+            raise ValueError(
+                "A two-phase `energy` needs a concentration to start from: pass `c`, one number "
+                "for every node, for example from `phases.stripe`."
+            )
+        checked_width(mesh, x0 * jnp.sqrt(A / now_area), parts.two_phase.well.interface_width)
+        now = amount_of(mesh, rule, x0, checked_concentration(mesh, c))
+        held_amount = _amount(amount, mean, now * A / now_area, A, fixed_area)
     parameters = Parameters(
-        modulus,
-        curvature,
+        parts.bending_modulus,
+        parts.spontaneous_curvature,
         A,
         V,
         finite("tension", 0.0 if tension is None else tension),
         finite("pressure", 0.0 if pressure is None else pressure),
-        global_energy,
+        parts.global_energy,
+        parts.two_phase,
+        held_amount,
     )
     return parameters, (fixed_area, fixed_volume)
+
+
+def _amount(amount, mean, now, area, fixed_area: bool):
+    """The amount that is held; `now` is that of the start, scaled with its area."""
+    if mean is None:
+        return now if isinstance(amount, str) and amount == "initial" else finite("amount", amount)
+    if not (isinstance(amount, str) and amount == "initial"):
+        raise ValueError("Give `amount` or `mean`, not both.")
+    if not fixed_area:
+        raise ValueError("`mean` needs a held area; give `amount` instead.")
+    value = finite("mean", mean)
+    if not 0 < float(value) < 1:
+        raise ValueError(f"`mean` must lie in (0, 1); got {float(value):.6g}.")
+    return value * area
