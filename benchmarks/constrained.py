@@ -27,8 +27,9 @@ def constrained_flow(level: int) -> list[dict]:
     """The flow to t = 20 and the equilibrium from its end."""
     mesh, x = jw.equilibria.spheroid(0.8, "prolate", level=level, degree=2)
     A, V = float(jw.surface.area(mesh, x)), float(jw.surface.volume(mesh, x))
-    flow = jw.flows.MinimalDeformation(jw.flows.WillmoreFlow())
-    flow = jw.flows.Loaded(flow, fixed_area=A, fixed_volume=V)
+    flow = jw.flows.System(
+        jw.flows.WillmoreFlow(), jw.flows.Loads(area=A, volume=V), jw.flows.MinimalDeformation()
+    )
     began = time.process_time()
     solution = jw.evolve.evolve(flow, mesh, x, t1=20.0)
     seconds = time.process_time() - began

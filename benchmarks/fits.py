@@ -167,7 +167,9 @@ def mesh(full):
 
 
 def build(p):
-    return jw.flows.MinimalDeformation(jw.flows.WillmoreFlow(p["bending_modulus"]))
+    return jw.flows.System(
+        jw.flows.WillmoreFlow(p["bending_modulus"]), jw.flows.MinimalDeformation()
+    )
 
 
 def series(full):

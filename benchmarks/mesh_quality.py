@@ -126,9 +126,10 @@ def _area(mesh, x) -> float:
 def histories(shape: str) -> list[History]:
     """All methods on one shape."""
     case, plain = CASES[shape], jw.flows.WillmoreFlow()
+    even = jw.flows.System(plain, jw.flows.MinimalDeformation())
     runs = [
         of_flow("normal velocity", plain, shape, case),
-        of_flow("tangential velocity", jw.flows.MinimalDeformation(plain), shape, case),
+        of_flow("tangential velocity", even, shape, case),
     ]
     if case.tau is not None:
         schemes = jw.schemes.DziukWillmore(), jw.schemes.BGNWillmore()

@@ -94,7 +94,7 @@ def main() -> None:
     print(format_table(rows, list(rows[0])))
     print(f"Start energy of the red cell: {RED_CELL_ENERGY} with the order of the mesh.\n")
     plain = jw.flows.WillmoreFlow()
-    even = jw.flows.MinimalDeformation(plain)
+    even = jw.flows.System(plain, jw.flows.MinimalDeformation())
     # Rings and points that are nearly equilateral on the torus it becomes, not on the one it is.
     torus = {"major_radius": 1.0, "minor_radius": 0.4, "n_major": 18, "n_minor": 12}
     rows = [

@@ -8,6 +8,7 @@ import warnings
 from collections.abc import Callable, Sequence
 from typing import Any
 
+from ._cache import keep_compiled
 from ._interrupts import catch_interrupts
 from ._version import __version__
 
@@ -74,6 +75,8 @@ def _parser() -> argparse.ArgumentParser:
 
     shapes = commands.add_parser("shapes", help="list shapes and their parameters")
     shapes.set_defaults(command=_shapes)
+    doctor = commands.add_parser("doctor", help="say what this machine and installation are")
+    doctor.set_defaults(command=_doctor)
     _add_verify(commands)
     _add_fit(commands)
     return parser
@@ -122,6 +125,16 @@ def _add_fit(commands) -> None:
     fit.set_defaults(command=_fit, existing="refuse")
 
 
+def _doctor(args: argparse.Namespace) -> int:
+    del args
+    keep_compiled()
+    from .cases import diagnosis
+
+    for name, value in diagnosis().items():
+        print(f"{name:<20} {value}", flush=True)
+    return OK
+
+
 def _run(args: argparse.Namespace) -> int:
     from .cases import run_case
 
@@ -143,6 +156,7 @@ def _branch(args: argparse.Namespace) -> int:
 @catch_interrupts()
 def _computed(args: argparse.Namespace, command: Any, compute: Any, closing: Any) -> int:
     """Load a case, compute, say how it ended; the exit status."""
+    keep_compiled()
     from .cases import CaseError, load_case
     from .evolve import TextProgressMeter
     from .io import RunFolderError
@@ -177,6 +191,7 @@ def _computed(args: argparse.Namespace, command: Any, compute: Any, closing: Any
 
 @catch_interrupts()
 def _fit(args: argparse.Namespace) -> int:
+    keep_compiled()
     from .cases import CaseError, load_fit, run_fit
     from .io import RunFolderError
     from .mesh import SurfaceError

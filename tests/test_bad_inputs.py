@@ -21,7 +21,7 @@ from jaxwillmore.cases import CaseError, load_case
 from jaxwillmore.energies import OsmoticPressure
 from jaxwillmore.equilibria import equilibrium
 from jaxwillmore.evolve import evolve, name_of
-from jaxwillmore.flows import Loaded, WillmoreFlow
+from jaxwillmore.flows import Loads, WillmoreFlow, as_system
 from jaxwillmore.io import SurfaceWarning, read_surface
 from jaxwillmore.mesh import SurfaceError, check_surface, dumbbell, icosphere, torus
 
@@ -179,7 +179,7 @@ REFUSED = [
     (
         46,
         "isoperimetric inequality",
-        lambda _: Loaded(FLOW, fixed_area=1.0, fixed_volume=1.0),
+        lambda _: Loads(area=1.0, volume=1.0),
         ValueError,
         "No surface of area 1 encloses the volume 1",
     ),
@@ -193,7 +193,7 @@ REFUSED = [
     (49, "saveat unsorted", run(saveat=[0.5, 0.2]), ValueError, "must increase"),
     (49, "saveat outside", run(saveat=[0.5, 1.5]), ValueError, r"must lie in \[0.0, 1.0\]"),
     (53, "a class", lambda _: evolve(WillmoreFlow, MESH, X, t1=1), ValueError, "the class Willm"),
-    (53, "a list", lambda _: evolve([0.5], MESH, X, t1=1), ValueError, "AbstractFlow; got list"),
+    (53, "a list", lambda _: evolve([0.5], MESH, X, t1=1), ValueError, "or a `System`; got list"),
     (53, "a generator's pair", lambda _: evolve(FLOW, (MESH, X), X, t1=1), ValueError, "Generat"),
 ]
 
@@ -259,7 +259,7 @@ def test_a_first_step_that_is_far_too_large_is_taken_back_50():
     x = X * jnp.asarray([[1.0, 1.0, 1.6]])
     solution = evolve(FLOW, MESH, x, t1=1e3, dt0=1e3, max_steps=2, throw=False)
     assert solution.stats["rejected_steps"] > 0
-    assert solution.records[-1]["energy"] < float(FLOW.energy(MESH, x))
+    assert solution.records[-1]["energy"] < float(as_system(FLOW).energy(MESH, x))
 
 
 def test_a_pinched_surface_ends_with_a_reason_and_its_last_good_state_51():

@@ -2,6 +2,7 @@
 
 from ._branch import CaseBranch as CaseBranch, run_branch as run_branch
 from ._case import Case as Case
+from ._doctor import diagnosis as diagnosis
 from ._energy_sections import (
     AreaDifferenceCase as AreaDifferenceCase,
     AreaPenaltyCase as AreaPenaltyCase,
@@ -30,6 +31,7 @@ from ._fit_sections import (
     TargetCase as TargetCase,
 )
 from ._load import load_case as load_case
+from ._phase_section import PhaseCase as PhaseCase
 from ._run import CaseRun as CaseRun, run_case as run_case
 from ._sections import (
     BranchCase as BranchCase,

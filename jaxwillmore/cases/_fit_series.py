@@ -8,7 +8,7 @@ from jaxtyping import Array, Float
 
 from .. import fit as fits
 from ..energies import Pressure, SurfaceTension
-from ..flows import AbstractFlow, Loaded, MinimalDeformation, WillmoreFlow
+from ..flows import AbstractLaw, Loads, MinimalDeformation, System, WillmoreFlow
 from ..io import RunFolder, write_npz
 from ..mesh import SurfaceMesh
 from ..surface import area, volume
@@ -38,19 +38,19 @@ class FlowOfCase:
     fixed_area: float | None
     fixed_volume: float | None
 
-    def __call__(self, free: dict[str, Float[Array, ""]]) -> AbstractFlow:
+    def __call__(self, free: dict[str, Float[Array, ""]]) -> System:
         p = {name: getattr(self.case, name) for name in FLOW_PARAMETERS} | free
         law: dict[str, Any] = {name: p[name] for name in FLOW_PARAMETERS[:2]}
-        flow = WillmoreFlow(**law)
-        if self.case.tangential == "minimal-deformation":
-            flow = MinimalDeformation(flow)
+        laws: list[AbstractLaw] = [WillmoreFlow(**law)]
         loads = None
         for name, kind in LOADS:
             if name in self.free or getattr(self.case, name):
                 loads = kind(p[name]) if loads is None else loads + kind(p[name])
-        if loads is None and self.fixed_area is None and self.fixed_volume is None:
-            return flow
-        return Loaded(flow, loads, fixed_area=self.fixed_area, fixed_volume=self.fixed_volume)
+        if not (loads is None and self.fixed_area is None and self.fixed_volume is None):
+            laws.append(Loads(loads, area=self.fixed_area, volume=self.fixed_volume))
+        if self.case.tangential == "minimal-deformation":
+            laws.append(MinimalDeformation())
+        return System(*laws)
 
 
 def series(task: FitTask, surfaces, folder: RunFolder, resume: bool, progress) -> dict[str, Any]:

@@ -5,12 +5,14 @@ import jax.numpy as jnp
 from jaxtyping import Array, Float
 
 from ..flows import (
-    AbstractFlow,
-    Loaded,
+    AbstractLaw,
+    Loads,
     MeanCurvatureFlow,
     MinimalDeformation,
     SurfaceDiffusion,
+    System,
     WillmoreFlow,
+    gradient_flow,
 )
 from ..mesh import SurfaceMesh
 from ..surface import area, volume
@@ -18,6 +20,7 @@ from ._case import Case
 from ._energies import global_energy
 from ._energy_sections import ball_volume, check_isoperimetric
 from ._error import CaseError
+from ._phase import kinetics, mixing_energy
 
 # Above this reduced volume the gradients of area and volume are too nearly parallel to leave from.
 ROUND = 0.998
@@ -40,20 +43,36 @@ class Ramp(eqx.Module):
         return self.start + part * (self.end - self.start)
 
 
-def flow_of(case: Case, mesh: SurfaceMesh, x) -> AbstractFlow:
+def flow_of(case: Case, mesh: SurfaceMesh, x) -> System:
     """The law of `[flow]` with the energies and the constraints of the case.
 
     **Raises:** `CaseError` for constraints that no surface satisfies, that the start does not
     satisfy, or that the scheme or the law does not have.
     """
-    flow = _law(case)
-    if case.flow.tangential == "minimal-deformation":
-        flow = MinimalDeformation(flow)
+    if case.flow.kind == "phase":
+        return gradient_flow(mixing_energy(case), phase=kinetics(case))
+    laws: list[AbstractLaw | System] = [_law(case)] if case.phase is None else [_coupled(case)]
     held_area = _held_area(case, float(area(mesh, x)))
     held_volume = _held_volume(case, float(area(mesh, x)), float(volume(mesh, x)))
     loads = global_energy(case, mesh, x)
-    if loads is None and held_area is None and held_volume is None:
-        return flow
+    if not (loads is None and held_area is None and held_volume is None):
+        laws.append(_loads(case, loads, held_area, held_volume))
+    if case.flow.tangential == "minimal-deformation":
+        laws.append(MinimalDeformation())
+    return System(*laws)
+
+
+def _coupled(case: Case) -> System:
+    """Both phases, their kinetics and what keeps them from drifting, without loads."""
+    return gradient_flow(
+        mixing_energy(case),
+        phase=kinetics(case),
+        consistency=case.flow.consistency,
+        consistency_weight=case.flow.consistency_weight,
+    )
+
+
+def _loads(case: Case, energy, held_area, held_volume) -> Loads:
     if case.flow.scheme != "implicit":
         problem = (
             'constraints and energies of the whole surface need scheme = "implicit"; the linearly '
@@ -61,12 +80,12 @@ def flow_of(case: Case, mesh: SurfaceMesh, x) -> AbstractFlow:
         )
         raise CaseError(problem, section="flow", key="scheme", got=case.flow.scheme)
     try:
-        return Loaded(flow, loads, fixed_area=held_area, fixed_volume=held_volume)
+        return Loads(energy, area=held_area, volume=held_volume)
     except ValueError as error:
         raise CaseError(str(error), section="constraints") from error
 
 
-def _law(case: Case) -> AbstractFlow:
+def _law(case: Case) -> AbstractLaw:
     energy, flow = case.energy, case.flow
     if flow.kind == "willmore":
         return WillmoreFlow(

@@ -12,6 +12,7 @@ from ._case import SECTIONS, Case
 from ._error import CaseError, is_nearly, shown, suggestion
 from ._examples import example_path, is_example
 from ._keys import key_names, unknown_key
+from ._phase_section import MODULI, PhaseCase
 from ._sections import SurfaceCase
 
 _MAX_BYTES = 2**20
@@ -82,10 +83,19 @@ def _case(tables: Mapping[str, Any], folder: pathlib.Path, command: str) -> Case
     for name in _NEEDED[command]:
         if name not in tables:
             raise CaseError(f"the section [{name}] is missing.", section=name)
+    _check_moduli(tables)
     sections: dict[str, Any] = {
         name: _section(name, table, folder) for name, table in tables.items()
     }
     return Case(**sections)
+
+
+def _check_moduli(tables: Mapping[str, Any]) -> None:
+    """With [phase] the moduli stand there, and not in [energy] too."""
+    for key in MODULI:
+        if "phase" in tables and key in tables.get("energy", {}):
+            problem = f"belongs into [phase] where there is one: {key} = [at c = 0, at c = 1]."
+            raise CaseError(problem, section="energy", key=key, got=tables["energy"][key])
 
 
 def _check_table(name: str, table: object) -> None:
@@ -116,6 +126,9 @@ def _section(name: str, table: Mapping[str, Any], folder: pathlib.Path):
             allowed = field.metadata["rule"].allowed
             problem = f"is missing; it must be {allowed}."
             raise CaseError(problem, section=name, key=field.name, allowed=allowed)
+    file = values.get("file")
+    if kind is PhaseCase and isinstance(file, str) and file:
+        values["file"] = os.path.abspath(folder / file)
     return kind(**values)
 
 

@@ -84,6 +84,19 @@ def numbers_like(default: tuple[float, ...]) -> Rule:
     return Rule(f"a list of {len(default)} finite numbers", convert)
 
 
+def pair(meaning: str, **bounds: float) -> Rule:
+    """Two numbers as in `number`, or one that stands for both."""
+    rule = number(meaning, **bounds)
+
+    def convert(value):
+        values = value if isinstance(value, list | tuple) else (value, value)
+        if len(values) != 2:
+            raise ValueError
+        return tuple(rule.convert(entry) for entry in values)
+
+    return Rule(f"{rule.allowed}, or a list of two", convert, meaning)
+
+
 def rising(meaning: str, count: int | None = None) -> Rule:
     """A list of rising finite numbers; `count` of them, or any number but none."""
 

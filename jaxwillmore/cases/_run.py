@@ -15,10 +15,12 @@ from ..health import HealthWarning, health_warnings
 from ..io import RunFolder, read_history
 from ..mesh import SurfaceMesh
 from ..plot import history_picture, surface_picture
+from ..surface import recover_mean_curvature, recover_normal
 from ._case import Case
 from ._error import CaseError
-from ._flow import Ramp, flow_of
+from ._flow import flow_of
 from ._output import UNHEALTHY, Existing, ending, gaussian_curvature, open_folder, pictures
+from ._phase_record import PhaseRecord, warnings_of_phase
 from ._start import Start, starting_surface
 from ._summary import (
     end_of_flow,
@@ -29,8 +31,6 @@ from ._summary import (
     row_of,
     warnings_of,
 )
-
-_ENERGY_TOLERANCE = 1e-5
 
 
 @dataclasses.dataclass(frozen=True)
@@ -88,7 +88,7 @@ def run_case(
         recorder.finish(last)
         folder.write_final(start.mesh, last.x, frame_fields(start.mesh, last))
         rows = read_history(folder.history.path)
-        found = recorder.fatal or warnings_of(case, start.mesh, last.x, last.H)
+        found = recorder.fatal or recorder.warnings(last)
         status, words = name_of(solution.result), message(solution.result)
         if recorder.fatal:
             status, words = UNHEALTHY, found[0].message
@@ -112,8 +112,6 @@ def run_case(
 
 def _evolved(case: Case, flow, start: Start, recorder: "_Recorder") -> Solution:
     assert case.time is not None
-    # A prescribed change of volume does work: the energy may rise.
-    ramping = isinstance(getattr(flow, "fixed_volume", None), Ramp)
     try:
         return evolve(
             flow,
@@ -122,7 +120,7 @@ def _evolved(case: Case, flow, start: Start, recorder: "_Recorder") -> Solution:
             t0=case.time.t0,
             t1=case.time.t1,
             dt0=case.time.dt0,
-            initial=start.initial,
+            initial={k: v for k, v in start.initial.items() if k in flow.evolving},
             bdf_order=case.flow.bdf_order,
             scheme=case.flow.scheme,
             rtol=case.time.rtol,
@@ -132,7 +130,6 @@ def _evolved(case: Case, flow, start: Start, recorder: "_Recorder") -> Solution:
             throw=False,
             observer=recorder.step,
             on_save=recorder.save,
-            energy_tolerance=None if ramping else _ENERGY_TOLERANCE,
         )
     except _Unhealthy as end:
         return Solution(start.mesh, (), end.state, (), (), RESULTS.interrupted, {})
@@ -156,7 +153,9 @@ class _Recorder:
         self._iterations = [0, 0]
         self._steps = 0
         self._last_frame: float | None = None
+        self._phase = None if case.phase is None else PhaseRecord(case, mesh)
         self.first: State | None = None
+        self.first_amount: float | None = None
         self.fatal: tuple[HealthWarning, ...] = ()
 
     def step(self, record: dict[str, Any], state: State) -> None:
@@ -165,15 +164,29 @@ class _Recorder:
         self._steps = record["step"]
         self._iterations[0] += record["newton_iterations"]
         self._iterations[1] += record["krylov_iterations"]
-        row = row_of(record | {"rejected_steps": self._rejected_steps})
+        row = row_of(record | self._extra(state) | {"rejected_steps": self._rejected_steps})
         self._folder.append_history(row)
         if self._progress is not None:
             self._progress(row)
         # An interrupt ends the run after this step anyway, and is then why it ended.
         if self._case.output.fatal_warnings and not interrupted():
-            self.fatal = health_warnings(self._mesh, state.x, state.H)
+            self.fatal = health_warnings(self._mesh, state.x, state.fields.get("H"))
+            self.fatal += self._of_phase(state)
             if self.fatal:
                 raise _Unhealthy(state)
+
+    def _extra(self, state: State) -> dict[str, float]:
+        return {} if self._phase is None else self._phase.columns(state)
+
+    def warnings(self, state: State) -> tuple[HealthWarning, ...]:
+        """What speaks against a state."""
+        found = warnings_of(self._case, self._mesh, state.x, state.fields.get("H"))
+        return found + self._of_phase(state)
+
+    def _of_phase(self, state: State) -> tuple[HealthWarning, ...]:
+        if self._phase is None:
+            return ()
+        return warnings_of_phase(self._case, self._mesh, state, self.first_amount)
 
     def counts(self, stats: dict[str, Any]) -> dict[str, int]:
         """Steps and iterations: of the whole run, or of its accepted steps where it was ended."""
@@ -188,7 +201,9 @@ class _Recorder:
         """A frame; the first one comes before the first step and starts the history too."""
         if self._last_frame is None:
             self.first = state
-            self._folder.append_history(row_of(first_record(self._flow, self._mesh, state)))
+            record = first_record(self._flow, self._mesh, state)
+            self.first_amount = record.get("phase_amount")
+            self._folder.append_history(row_of(record | self._extra(state)))
         self._last_frame = state.t
         if self._case.output.frames:
             fields = frame_fields(self._mesh, state)
@@ -201,28 +216,38 @@ class _Recorder:
 
 
 def frame_fields(mesh: SurfaceMesh, state: State) -> dict[str, Array]:
-    """What a frame shows: H, K, the normal, and the velocity (NaN before the first step)."""
-    return {
-        "H": state.H,
-        "K": gaussian_curvature(mesh, state.x, state.H, state.nu),
-        "normal": state.nu,
-        "velocity": state.V[:, None] * state.nu,
-    }
+    """What a frame shows: H, K, the normal, the velocity (NaN before the first step), c and μ."""
+    shown = {name: state.fields[name] for name in ("c", "mu") if name in state.fields}
+    if "H" not in state.fields:
+        H, nu = recover_mean_curvature(mesh, state.x), recover_normal(mesh, state.x)
+        return {"H": H, "K": gaussian_curvature(mesh, state.x, H, nu), "normal": nu} | shown
+    velocity = state.V[:, None] * state.nu
+    K = gaussian_curvature(mesh, state.x, state.H, state.nu)
+    return {"H": state.H, "K": K, "normal": state.nu, "velocity": velocity} | shown
 
 
 def _draw(folder: RunFolder, solution: Solution, first: State | None, rows, summary) -> None:
     last = solution.state
     assert first is not None
+    name = "c" if "c" in last.fields else "H"
+    last_words, first_words = f"t = {last.t:.4g}", f"t = {first.t:.4g}"
+    if name == "H":
+        last_words += f",  ½∫H² = {summary['willmore']:.6g}"
+        first_words += f",  ½∫H² = {summary['start']['willmore']:.6g}"
+    else:
+        last_words += f",  E = {summary['energy']:.6g}"
+        first_words += f",  E = {summary['start']['energy']:.6g}"
     surface_picture(
         folder.file("final.png"),
         solution.mesh,
         last.x,
-        last.H,
-        field_name="H",
-        caption=f"t = {last.t:.4g},  ½∫H² = {summary['willmore']:.6g}",
+        last.fields[name],
+        field_name=name,
+        contour=0.5 if name == "c" else None,
+        caption=last_words,
         start=first.x,
-        start_field=first.H,
-        start_caption=f"t = {first.t:.4g},  ½∫H² = {summary['start']['willmore']:.6g}",
+        start_field=first.fields[name],
+        start_caption=first_words,
     )
     reference = reference_energies(solution.mesh.genus)
     title = f"{summary['status'].replace('_', ' ')} at t = {last.t:.4g}"

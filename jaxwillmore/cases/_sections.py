@@ -104,10 +104,11 @@ class FlowCase:
 
     kind: str = declare(
         choice(
-            "willmore (Canham–Helfrich where H0 is not 0), or another law",
+            "willmore (Canham–Helfrich where H0 is not 0), another law, or a surface at rest",
             "willmore",
             "mean-curvature",
             "surface-diffusion",
+            "phase",
         ),
         "willmore",
     )

@@ -11,6 +11,7 @@ from ..shapes import make_shape
 from ._case import Case
 from ._error import CaseError
 from ._examples import example_path, is_example
+from ._phase import starting_concentration
 from ._sections import SurfaceCase
 
 
@@ -30,7 +31,10 @@ def starting_surface(case: Case) -> Start:
     """
     start = _from_shape(case.surface) if case.surface.file is None else _from_file(case.surface)
     _check_resolution(case, start)
-    return start
+    if case.phase is None:
+        return start
+    c = starting_concentration(case, start.mesh, start.x)
+    return Start(start.mesh, start.x, start.initial | {"c": c})
 
 
 def _from_shape(surface: SurfaceCase) -> Start:
@@ -61,7 +65,9 @@ def _from_file(surface: SurfaceCase) -> Start:
 
 def _check_resolution(case: Case, start: Start) -> None:
     """Radii of curvature below the distance of nodes are not resolved by any mesh."""
-    H0 = case.energy.spontaneous_curvature
+    section, H0 = "energy", case.energy.spontaneous_curvature
+    if case.phase is not None and case.phase.spontaneous_curvature is not None:
+        section, H0 = "phase", max(case.phase.spontaneous_curvature, key=abs)
     spacing = quality(start.mesh, start.x).h_max / start.mesh.degree
     if abs(H0) * spacing > 1:
         allowed = f"between -{1 / spacing:.4g} and {1 / spacing:.4g}"
@@ -70,4 +76,4 @@ def _check_resolution(case: Case, start: Start) -> None:
             "Raise `level` or `degree`."
         )
         key = "spontaneous_curvature"
-        raise CaseError(problem, section="energy", key=key, got=H0, allowed=allowed)
+        raise CaseError(problem, section=section, key=key, got=H0, allowed=allowed)

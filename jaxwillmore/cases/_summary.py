@@ -14,12 +14,13 @@ from .._version import __version__
 from ..energies import Willmore, willmore_of_field
 from ..equilibria import Equilibrium
 from ..evolve import State, diagnostics
-from ..flows import AbstractFlow
+from ..flows import System
 from ..health import HealthWarning, health_warnings, least_willmore
 from ..mesh import SurfaceMesh, quality
 from ..surface import area, centroid, volume
 from ._case import Case
 from ._energies import bending_energy
+from ._phase_record import phase_summary
 
 _LIBRARIES = ("jax", "jaxlib", "equinox", "optimistix", "lineax", "numpy", "scipy", "trimesh")
 _MEASURES = ("energy", "willmore", "willmore_of_field", "area", "volume", "reduced_volume")
@@ -28,10 +29,10 @@ _FIRST_COLUMNS = ("step", "t", "dt", *_MEASURES, "min_angle", "max_angle")
 
 def row_of(record: dict[str, Any]) -> dict[str, Any]:
     """The columns of `history.csv` in an order for readers."""
-    return {name: record[name] for name in _FIRST_COLUMNS} | record
+    return {name: record[name] for name in _FIRST_COLUMNS if name in record} | record
 
 
-def first_record(flow: AbstractFlow, mesh: SurfaceMesh, state: State) -> dict[str, Any]:
+def first_record(flow: System, mesh: SurfaceMesh, state: State) -> dict[str, Any]:
     """The row of `history.csv` for the start, with the columns of every later row."""
     values = diagnostics(flow, mesh, state.x, state.fields)
     row = {"step": 0, "dt": 0.0, "error": 0.0, "t": state.t}
@@ -62,7 +63,7 @@ def end_of_flow(case: Case, mesh: SurfaceMesh, state: State, rows: list[dict]) -
     """Energies, multipliers and mesh of the last state of a flow; `rows` is its history."""
     last = rows[-1]
     bending = None
-    if case.flow.kind == "willmore":
+    if case.flow.kind == "willmore" and case.phase is None:
         b = case.energy.bending_modulus
         bending = float(eqx.filter_jit(bending_energy(case))(mesh, state.x)) / (16 * math.pi * b)
     multipliers = None
@@ -70,13 +71,14 @@ def end_of_flow(case: Case, mesh: SurfaceMesh, state: State, rows: list[dict]) -
         scaled = _scaled(case, last["area"], last["tension"], last["pressure"])
         multipliers = {**scaled, "curvature": last["curvature_multiplier"]}
     return {
-        **{name: last[name] for name in _MEASURES},
+        **{name: last[name] for name in _MEASURES if name in last},
+        "phase": None if case.phase is None else phase_summary(last),
         "gaussian_energy": gaussian_energy(case, mesh),
         "bending_over_8pi_kappa": bending,
         "multipliers": multipliers,
         "stationarity": last["stationarity"],
         "negative_directions": None,
-        "start": {name: rows[0][name] for name in _MEASURES},
+        "start": {name: rows[0][name] for name in _MEASURES if name in last},
         **_surface(mesh, state.x),
     }
 
@@ -111,12 +113,19 @@ def total_energy(shape: Equilibrium) -> float:
 
 def gaussian_energy(case: Case, mesh: SurfaceMesh) -> float:
     """∫ b_k K = 2π χ b_k; it does no work and is not part of `energy`."""
-    return 2 * math.pi * mesh.euler_characteristic * case.energy.gaussian_modulus
+    b_k = case.energy.gaussian_modulus
+    if case.phase is not None and case.phase.gaussian_modulus is not None:
+        # Where it differs it does work, and is part of the energy.
+        b_k = case.phase.gaussian_modulus[0] if len(set(case.phase.gaussian_modulus)) == 1 else 0.0
+    return 2 * math.pi * mesh.euler_characteristic * b_k
 
 
 def _scaled(case: Case, area: float, tension: float, pressure: float) -> dict[str, float]:
-    """Tension and pressure, also in units of κ = 2 b and R0 = √(A/4π)."""
-    kappa, R0 = 2 * case.energy.bending_modulus, math.sqrt(area / (4 * math.pi))
+    """Tension and pressure, also in units of κ = 2 b (of the phase c = 0) and R0 = √(A/4π)."""
+    b = case.energy.bending_modulus
+    if case.phase is not None and case.phase.bending_modulus is not None:
+        b = case.phase.bending_modulus[0]
+    kappa, R0 = 2 * b, math.sqrt(area / (4 * math.pi))
     return {
         "tension": tension,
         "pressure": pressure,
@@ -148,9 +157,14 @@ def provenance(wall_seconds: float) -> dict[str, Any]:
         "versions": {
             "jaxwillmore": __version__,
             "python": platform.python_version(),
-            **{name: importlib.metadata.version(name) for name in _LIBRARIES},
+            **libraries(),
         },
     }
+
+
+def libraries() -> dict[str, str]:
+    """Versions of what numbers depend on."""
+    return {name: importlib.metadata.version(name) for name in _LIBRARIES}
 
 
 def radius_spread(mesh: SurfaceMesh, x) -> float:

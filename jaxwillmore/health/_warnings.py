@@ -32,7 +32,8 @@ class HealthWarning:
     kind: str
     """One of `not_finite`, `energy_below_bound`, `field_energy_below_bound`, `energies_apart`,
     `unresolved_curvature`, `small_angle`, `mid_node_offset`, `collapsed_element`,
-    `self_intersection`."""
+    `self_intersection`; of a concentration `unresolved_interface`, `concentration_outside`,
+    `amount_drift`, `negative_modulus`."""
     value: float
     limit: float
     message: str

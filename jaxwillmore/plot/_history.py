@@ -123,6 +123,47 @@ def _measures(axes, data: _Columns) -> None:
     _legend(axes, loc="best")
 
 
+def _parts(axes, data: _Columns) -> None:
+    """The energies of a two-phase membrane, one on top of the other; a negative one as a curve."""
+    _style(axes, "parts of the energy")
+    bottom = np.zeros(len(data.t))
+    for name, colour, label in (
+        ("phase_energy_bending", _BLUE, "bending"),
+        ("phase_energy_phase", _ORANGE, "phases"),
+        ("phase_energy_gaussian", _GREEN, "Gaussian"),
+    ):
+        y = data[name]
+        if not np.any(np.abs(y) > 0):
+            continue
+        if np.nanmin(y) < 0:
+            _curve(axes, data.t, y, colour, label, "--")
+            continue
+        axes.fill_between(data.t, bottom, bottom + y, color=colour, alpha=0.45, lw=0, label=label)
+        bottom = bottom + y
+    _legend(axes, loc="upper right")
+
+
+def _domains(axes, data: _Columns) -> None:
+    _style(axes, "interfaces")
+    length, count = data["phase_interface_length"], data["phase_domains"]
+    _curve(axes, data.t, np.where(length > 0, length, np.nan), _BLUE, "length of c = ½")
+    _curve(axes, data.t, np.where(count > 0, count, np.nan), _ORANGE, "domains with c > ½")
+    shown = np.concatenate([length, count])
+    if np.any(shown > 0):
+        _log(axes, shown)
+    _legend(axes, loc="best")
+
+
+def _extremes(axes, data: _Columns) -> None:
+    _style(axes, "concentration")
+    _curve(axes, data.t, data["phase_smallest"], _BLUE, "smallest")
+    _curve(axes, data.t, data["phase_mean"], _GREEN, "mean")
+    _curve(axes, data.t, data["phase_largest"], _ORANGE, "largest")
+    for value in (0.0, 1.0):
+        axes.axhline(value, color=_GREY, lw=1.2, ls=(0, (4, 3)))
+    _legend(axes, loc="best")
+
+
 def after_rejections(total: np.ndarray) -> np.ndarray:
     """The rows at which the number of rejected attempts so far has grown."""
     return np.flatnonzero(np.diff(total, prepend=0.0) > 0)
@@ -204,10 +245,11 @@ def history_picture(
     title: str | None = None,
     dpi: float = 130.0,
 ) -> None:
-    """Draw the history of a run into a PNG file: six panels over time.
+    """Draw the history of a run into a PNG file: six panels over time, nine with a concentration.
 
     Energy; its distance from a reference value; area, volume and reduced volume; step size with
-    Newton iterations; angles of the elements; defects of the normal field. Panels whose numbers
+    Newton iterations; angles of the elements; defects of the normal field; parts of the energy,
+    interfaces and extremes of a concentration. Panels whose numbers
     are not in the rows are left out.
 
     **Arguments:**
@@ -230,6 +272,9 @@ def history_picture(
         (_steps, ("dt",), (data,)),
         (_angles, ("min_angle", "max_angle"), (data,)),
         (_normals, ("normal_length_defect", "normal_distance"), (data,)),
+        (_parts, ("phase_energy_phase",), (data,)),
+        (_domains, ("phase_interface_length",), (data,)),
+        (_extremes, ("phase_mean",), (data,)),
     ]
     panels = [(draw, inputs) for draw, names, inputs in panels if any(n in data for n in names)]
     if not panels:

@@ -38,6 +38,13 @@ def draw(scene: dict[str, np.ndarray]) -> np.ndarray:
             grid, color="black", opacity=float(scene["edge_opacity"]), lighting=False,
             line_width=2.6 * pixels / 700,
         )  # fmt: skip
+    contour = scene["contour"]
+    if len(contour):
+        ends = contour.reshape(-1, 3) + 5e-3 * half_height * towards
+        pairs = np.arange(len(ends)).reshape(-1, 2)
+        lines = np.concatenate([np.full((len(pairs), 1), 2), pairs], axis=1)
+        grid = pv.PolyData(ends, lines=lines.ravel())
+        plotter.add_mesh(grid, color="black", lighting=False, line_width=7.0 * pixels / 700)
     centre = scene["centre"]
     distance = 20.0 * half_height
     for place, strength in (

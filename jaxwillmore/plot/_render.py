@@ -48,6 +48,7 @@ def pyvista_image(
             triangles=surface.triangles,
             edges=surface.edges if edges else surface.edges[:0],
             edge_opacity=_edge_opacity(surface),
+            contour=surface.contour,
             colours=colours,
             axes=camera.axes,
             centre=camera.centre(surface.points),
@@ -107,6 +108,15 @@ def matplotlib_image(
         black = np.tile([0.0, 0.0, 0.0, _edge_opacity(surface)], (len(pieces), 1))
         line = np.concatenate([line, black])
         width = np.concatenate([width, np.full(len(pieces), 0.5)])
+    if len(surface.contour):
+        ends = (surface.contour - camera.centre(surface.points)) @ camera.axes.T
+        nearest = _nearest(surface.points, surface.contour.mean(axis=1))
+        seen_line = ends[normals[nearest, 2] > 0.0]
+        polygons += list(seen_line[..., :2])
+        depth = np.concatenate([depth, seen_line[..., 2].mean(axis=1) + 0.06 * camera.half_height])
+        face = np.concatenate([face, np.zeros((len(seen_line), 4))])
+        line = np.concatenate([line, np.tile([0.0, 0.0, 0.0, 1.0], (len(seen_line), 1))])
+        width = np.concatenate([width, np.full(len(seen_line), 1.6)])
     order = np.argsort(depth)
     axes = figure.add_axes((0.0, 0.0, 1.0, 1.0))
     axes.set_axis_off()
@@ -124,6 +134,12 @@ def matplotlib_image(
     canvas = FigureCanvasAgg(figure)
     canvas.draw()
     return np.array(canvas.buffer_rgba())[..., :3]
+
+
+def _nearest(points, places):
+    from scipy.spatial import KDTree
+
+    return KDTree(points).query(places)[1]
 
 
 def _light(normals: Float[np.ndarray, "points 3"]) -> Float[np.ndarray, "points 2"]:

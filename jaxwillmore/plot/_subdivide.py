@@ -19,6 +19,8 @@ class FineSurface(NamedTuple):
     """Points along every edge of the mesh."""
     values: Float[np.ndarray, " points"] | None
     """The field at the points."""
+    contour: Float[np.ndarray, "segments 2 3"] = np.zeros((0, 2, 3))
+    """Ends of the segments of a line on which the field has one value."""
 
 
 def _lattice(s: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -50,6 +52,25 @@ def _shared_points(corners: np.ndarray, barycentric: np.ndarray):
     key = np.concatenate([np.take_along_axis(a, order, axis=-1) for a in (who, weights)], axis=-1)
     _, first, number = np.unique(key.reshape(-1, 6), axis=0, return_index=True, return_inverse=True)
     return first, number.reshape(weights.shape[:2])
+
+
+def with_contour(surface: FineSurface, level: float) -> FineSurface:
+    """The same with the line on which the field is `level`, triangle by triangle."""
+    if surface.values is None:
+        return surface
+    above = surface.values[surface.triangles] > level
+    cut = above.any(axis=1) & ~above.all(axis=1)
+    triangles, above = surface.triangles[cut], above[cut]
+    # The corner that is alone on its side, and the two others: the line crosses both edges there.
+    alone = np.argmax(above == (above.sum(axis=1, keepdims=True) == 1), axis=1)
+    rows = np.arange(len(triangles))
+    ends = []
+    for turn in (1, 2):
+        a, b = triangles[rows, alone], triangles[rows, (alone + turn) % 3]
+        u, v = surface.values[a], surface.values[b]
+        s = ((level - u) / (v - u))[:, None]
+        ends.append((1 - s) * surface.points[a] + s * surface.points[b])
+    return surface._replace(contour=np.stack(ends, axis=1))
 
 
 def subdivide(

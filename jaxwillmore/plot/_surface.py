@@ -11,7 +11,7 @@ from ..mesh import SurfaceMesh
 from ._camera import Camera, camera_for
 from ._error import PlotError, matplotlib_figure, save
 from ._render import matplotlib_image, pyvista_image
-from ._subdivide import FineSurface, subdivide
+from ._subdivide import FineSurface, subdivide, with_contour
 
 _DIVERGING = ("H", "K", "V", "mean curvature", "Gaussian curvature", "normal velocity")
 _PLAIN = (0.64, 0.73, 0.84)
@@ -177,6 +177,7 @@ def surface_picture(
     start_caption: str = "start",
     view: Sequence[float] | None = None,
     cmap: str | None = None,
+    contour: float | None = None,
     edges: bool = True,
     dpi: float = 150.0,
     renderer: Literal["auto", "pyvista", "matplotlib"] = "auto",
@@ -199,6 +200,7 @@ def surface_picture(
     - `view`: direction from the surface to the eye, z upwards. Default: chosen from the shape.
     - `cmap`: a matplotlib colour map. Default: coolwarm for signed fields and curvatures, viridis
         for others.
+    - `contour`: draw the line on which the field has this value.
     - `edges`: draw the edges of the elements.
 
     **Returns:** the name of the renderer used.
@@ -213,6 +215,8 @@ def surface_picture(
         first_mesh, first_x = start if isinstance(start, tuple) else (mesh, start)
         surfaces = [fine_surface(first_mesh, first_x, start_field), *surfaces]
         captions = [start_caption, caption]
+    if contour is not None:
+        surfaces = [with_contour(surface, contour) for surface in surfaces]
     matplotlib_figure(1.0, 1.0)  # say at once when matplotlib is missing
     values = [s.values for s in surfaces if s.values is not None]
     scale = scale_of(values, field_name, cmap) if values else None

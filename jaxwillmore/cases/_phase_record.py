@@ -1,0 +1,64 @@
+"""What a run says about its concentration: columns of the history, the summary, warnings."""
+
+import math
+from typing import Any
+
+import equinox as eqx
+import numpy as np
+
+from ..energies import TwoPhase
+from ..evolve import State
+from ..health import HealthWarning, concentration_warnings
+from ..mesh import SurfaceMesh
+from ..phases import domains
+from ._case import Case
+from ._phase import mixing_energy, mixing_energy_width
+
+# Names of `summary.json`; `history.csv` has them with this before.
+PREFIX = "phase_"
+_MEASURES = ("amount", "mean", "smallest", "largest", "interface_length", "domains")
+_ENERGIES = ("energy_bending", "energy_gaussian", "energy_phase")
+
+
+class PhaseRecord:
+    """Adds to the record of a step what is not part of the flow: parts of the energy, domains."""
+
+    def __init__(self, case: Case, mesh: SurfaceMesh):
+        self._energy, self._mesh = mixing_energy(case), mesh
+
+    def columns(self, state: State) -> dict[str, float]:
+        """Columns of `history.csv` beside those of the record."""
+        values = _parts(self._energy, self._mesh, state.x, state.fields["c"])
+        parts = {f"{PREFIX}energy_{name}": float(value) for name, value in values.items()}
+        return parts | {f"{PREFIX}domains": domains(self._mesh, state.fields["c"])}
+
+
+@eqx.filter_jit
+def _parts(energy, mesh, x, c):
+    if isinstance(energy, TwoPhase):
+        return energy.parts(mesh, x, {"c": c})
+    return {"bending": np.zeros(()), "gaussian": np.zeros(()), "phase": energy(mesh, x, {"c": c})}
+
+
+def phase_summary(row: dict[str, Any]) -> dict[str, float]:
+    """The table `phase` of `summary.json` from the last row of the history."""
+    return {name: row[PREFIX + name] for name in (*_MEASURES, *_ENERGIES)}
+
+
+def warnings_of_phase(case: Case, mesh: SurfaceMesh, state: State, amount: float | None):
+    """What speaks against the concentration of a state; `amount` is that of the start."""
+    held = case.phase is not None and (case.phase.law == "cahn-hilliard" or case.phase.hold_amount)
+    found: tuple[HealthWarning, ...] = concentration_warnings(
+        mesh,
+        state.x,
+        state.fields["c"],
+        width=float(mixing_energy_width(case)),
+        amount=amount if held and amount is not None and math.isfinite(amount) else None,
+        moduli=_bending_moduli(case),
+    )
+    return found
+
+
+def _bending_moduli(case: Case):
+    energy = mixing_energy(case)
+    return energy.bending.bending_modulus if isinstance(energy, TwoPhase) else None
