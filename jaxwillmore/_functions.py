@@ -13,6 +13,7 @@ from typing import Any
 import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
+from jax import Array
 
 
 class Function(eqx.Module):
@@ -73,4 +74,7 @@ def _leaf(value):
         return jnp.asarray(value, float)
     if isinstance(value, types.FunctionType):
         return as_data(value)
+    if isinstance(value, Array) and jnp.issubdtype(value.dtype, jnp.floating):
+        # A number that JAX still calls weakly typed would be another kind of argument.
+        return jnp.asarray(value, value.dtype)
     return value

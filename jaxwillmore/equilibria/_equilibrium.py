@@ -93,7 +93,7 @@ def equilibrium(
     reduced_volume=None,
     tension=None,
     pressure=None,
-    c: Float[Array, " nodes"] | None = None,
+    c: Any = None,
     amount: Any = "initial",
     mean=None,
     tolerance: float = 1e-10,

@@ -104,7 +104,8 @@ class MeanCurvatureFlow(AbstractLaw):
     def _shrinks(self) -> bool:
         if self.speed is identity:
             return True
-        values = [self.speed(jnp.asarray(H)) for H in SAMPLES]
+        with jax.ensure_compile_time_eval():
+            values = [self.speed(jnp.asarray(H)) for H in SAMPLES]
         # Where a parameter of F is traced nothing is known, and nothing is rejected either.
         return all(not isinstance(F, Tracer) and float(F) >= 0 for F in values)
 
