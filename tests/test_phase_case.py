@@ -7,7 +7,7 @@ import math
 import numpy as np
 import pytest
 
-from jaxwillmore.cases import CaseError, example_path, load_case, run_case
+from jaxwillmore.cases import CaseError, example_path, load_case, run_case, run_equilibrium
 from jaxwillmore.cases._flow import flow_of
 from jaxwillmore.cases._start import starting_surface
 from jaxwillmore.flows import AllenCahn, CahnHilliard, HelfrichFlow, Loads, Mixing, WillmoreFlow
@@ -160,6 +160,20 @@ def test_a_surface_at_rest_leaves_its_concentration(tmp_path):
         assert "mu" in final
     total = float(amount(run.solution.mesh, state.x, state.fields["c"]))
     assert total == pytest.approx(phase["amount"], rel=1e-12)
+
+
+def test_an_equilibrium_takes_the_same_section(tmp_path):
+    run = run_equilibrium(load_case(COUPLED, "equilibrium"), tmp_path / "out")
+    summary = run.summary
+    phase = summary["phase"]
+    assert run.succeeded and summary["negative_directions"] == 0
+    parts = phase["energy_bending"] + phase["energy_gaussian"] + phase["energy_phase"]
+    assert summary["energy"] == pytest.approx(parts, rel=1e-12)
+    assert phase["mean"] == pytest.approx(0.5, abs=2e-3)  # the functional has its own quadrature
+    with np.load(run.folder / "final.npz") as final:
+        assert final["c"].shape == (42,)
+    with pytest.raises(CaseError, match='must be "willmore"'):
+        run_equilibrium(load_case(REST, "equilibrium"), tmp_path / "rest")
 
 
 @pytest.mark.slow

@@ -17,7 +17,7 @@ from ._keys import values
 
 
 def bending_energy(case: Case) -> CanhamHelfrich:
-    """∫ b (H − H0)², without the constant of the Gaussian curvature."""
+    """∫ b (H − H0)² of one phase, without the constant of the Gaussian curvature."""
     energy = case.energy
     return CanhamHelfrich(
         energy.bending_modulus, spontaneous_curvature=energy.spontaneous_curvature

@@ -16,12 +16,14 @@ from ._case import Case
 from ._energies import bending_energy, global_energy
 from ._error import CaseError
 from ._output import UNHEALTHY, Existing, ending, fields_of, open_folder, pictures
+from ._phase import mixing_energy
 from ._start import Start, starting_surface
 from ._summary import (
     end_of_equilibrium,
     health_of,
     measures_of,
     provenance,
+    total_energy,
     warnings_of,
 )
 
@@ -50,8 +52,8 @@ def run_equilibrium(
 ) -> CaseEquilibrium:
     """Find the equilibrium of a case and leave case, shape, summary and picture in a folder.
 
-    `[flow]`, `[time]` and `[branch]` play no part. A search that fails, or is interrupted
-    by Ctrl-C or SIGTERM, leaves its last accepted shape; `summary["status"]` and
+    `[flow]`, `[time]` and `[branch]` play no part, and of `[phase]` neither law nor mobility. A
+    search that fails, or is interrupted by Ctrl-C or SIGTERM, leaves its last accepted shape; `summary["status"]` and
     `summary["message"]` say why. A second signal ends it at once.
 
     **Arguments:**
@@ -100,7 +102,7 @@ def wanted_of(case: Case, start: Start) -> dict[str, Any]:
     **Raises:** `CaseError` for targets that cannot be.
     """
     held, energy = case.constraints, case.energy
-    bending = bending_energy(case)
+    bending = bending_energy(case) if case.phase is None else mixing_energy(case)
     rest = global_energy(case, start.mesh, start.x, loads=False)
     # A volume of the start is scaled with the area; so is a reduced volume, which stays.
     same = held.reduced_volume == "initial"
@@ -111,6 +113,7 @@ def wanted_of(case: Case, start: Start) -> dict[str, Any]:
         "reduced_volume": None if same else held.reduced_volume,
         "tension": energy.tension if held.area is None else None,
         "pressure": None if _holds_volume(case) else energy.pressure,
+        "c": start.initial.get("c"),
     }
     try:
         targets(start.mesh, start.x, bending_modulus=None, spontaneous_curvature=None, **wanted)
@@ -162,7 +165,10 @@ def measures_of_start(case: Case, start: Start) -> dict[str, float]:
     """Energies and sizes of the surface that the search starts from."""
     mesh, x = start.mesh, start.x
     H = start.initial["H"] if "H" in start.initial else recover_mean_curvature(mesh, x)
-    energy = float(bending_energy(case)(mesh, x))
+    if case.phase is None:
+        energy = float(bending_energy(case)(mesh, x))
+    else:
+        energy = float(mixing_energy(case)(mesh, x, {"c": start.initial["c"]}))
     rest = global_energy(case, mesh, x)
     return measures_of(mesh, x, H, energy + (0.0 if rest is None else float(rest(mesh, x))))
 
@@ -178,12 +184,16 @@ def write_shape(folder: RunFolder, shape: Equilibrium) -> dict[str, Any]:
 def draw_shape(folder: RunFolder, start: Start, shape: Equilibrium, H) -> None:
     """Draw `final.png`: the start without colours beside the shape with its mean curvature."""
     energy, v = float(shape.bending_over_8pi_kappa), float(shape.reduced_volume)
+    words = f"v = {v:.4g},  E/8πκ = {energy:.6g}"
+    if shape.c is not None:
+        words = f"v = {v:.4g},  E = {total_energy(shape):.6g}"
     surface_picture(
         folder.file("final.png"),
         shape.mesh,
         shape.x,
-        H,
-        field_name="H",
-        caption=f"v = {v:.4g},  E/8πκ = {energy:.6g}",
+        H if shape.c is None else shape.c,
+        field_name="H" if shape.c is None else "c",
+        contour=None if shape.c is None else 0.5,
+        caption=words,
         start=start.x,
     )

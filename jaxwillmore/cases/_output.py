@@ -15,7 +15,7 @@ from ..health import HealthWarning
 from ..io import RunFolder, RunFolderError
 from ..mesh import SurfaceMesh
 from ..plot import PlotError
-from ..surface import nodal_weingarten_squared, recover_normal
+from ..surface import nodal_weingarten_squared, recover_mean_curvature, recover_normal
 
 Existing = Literal["refuse", "replace"]
 UNHEALTHY, INTERRUPTED = "unhealthy", "interrupted"
@@ -61,8 +61,16 @@ def _fields(mesh, x, Y, modulus, H0) -> dict[str, Array]:
     return {"H": H, "K": gaussian_curvature(mesh, x, H, nu), "normal": nu}
 
 
+@eqx.filter_jit
+def _fields_of_phases(mesh, x) -> dict[str, Array]:
+    nu, H = recover_normal(mesh, x), recover_mean_curvature(mesh, x)
+    return {"H": H, "K": gaussian_curvature(mesh, x, H, nu), "normal": nu}
+
+
 def fields_of(shape: Equilibrium) -> dict[str, Array]:
     """H, K and the normal of an equilibrium, node by node."""
+    if shape.c is not None:
+        return _fields_of_phases(shape.mesh, shape.x) | {"c": shape.c}
     H0 = shape.effective_spontaneous_curvature
     return _fields(shape.mesh, shape.x, shape.Y, shape.parameters.bending_modulus, H0)
 

@@ -7,10 +7,12 @@ import equinox as eqx
 import numpy as np
 
 from ..energies import TwoPhase
+from ..equilibria import Equilibrium
 from ..evolve import State
 from ..health import HealthWarning, concentration_warnings
 from ..mesh import SurfaceMesh
-from ..phases import domains
+from ..phases import amount, domains, interface_length
+from ..surface import area
 from ._case import Case
 from ._phase import mixing_energy, mixing_energy_width
 
@@ -45,15 +47,32 @@ def phase_summary(row: dict[str, Any]) -> dict[str, float]:
     return {name: row[PREFIX + name] for name in (*_MEASURES, *_ENERGIES)}
 
 
-def warnings_of_phase(case: Case, mesh: SurfaceMesh, state: State, amount: float | None):
-    """What speaks against the concentration of a state; `amount` is that of the start."""
+def phase_of_equilibrium(shape: Equilibrium) -> dict[str, float]:
+    """The same of an equilibrium; its energies are those of the mixed functional."""
+    mesh, x, c = shape.mesh, shape.x, shape.c
+    assert c is not None
+    return {
+        "amount": float(amount(mesh, x, c)),
+        "mean": float(amount(mesh, x, c) / area(mesh, x)),
+        "smallest": float(c.min()),
+        "largest": float(c.max()),
+        "interface_length": float(interface_length(mesh, x, c)),
+        "domains": domains(mesh, c),
+        "energy_bending": float(shape.energy),
+        "energy_gaussian": float(shape.gaussian_energy),
+        "energy_phase": float(shape.mixing_energy),
+    }
+
+
+def warnings_of_phase(case: Case, mesh: SurfaceMesh, state: State, first: float | None):
+    """What speaks against the concentration of a state; `first` is the amount of the start."""
     held = case.phase is not None and (case.phase.law == "cahn-hilliard" or case.phase.hold_amount)
     found: tuple[HealthWarning, ...] = concentration_warnings(
         mesh,
         state.x,
         state.fields["c"],
         width=float(mixing_energy_width(case)),
-        amount=amount if held and amount is not None and math.isfinite(amount) else None,
+        amount=first if held and first is not None and math.isfinite(first) else None,
         moduli=_bending_moduli(case),
     )
     return found

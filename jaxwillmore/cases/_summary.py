@@ -20,7 +20,7 @@ from ..mesh import SurfaceMesh, quality
 from ..surface import area, centroid, volume
 from ._case import Case
 from ._energies import bending_energy
-from ._phase_record import phase_summary
+from ._phase_record import phase_of_equilibrium, phase_summary
 
 _LIBRARIES = ("jax", "jaxlib", "equinox", "optimistix", "lineax", "numpy", "scipy", "trimesh")
 _MEASURES = ("energy", "willmore", "willmore_of_field", "area", "volume", "reduced_volume")
@@ -91,6 +91,7 @@ def end_of_equilibrium(case: Case, shape: Equilibrium, H, start: dict[str, float
     )
     return {
         **measures_of(mesh, x, H, total_energy(shape)),
+        "phase": None if shape.c is None else phase_of_equilibrium(shape),
         "gaussian_energy": gaussian_energy(case, mesh),
         "bending_over_8pi_kappa": float(shape.bending_over_8pi_kappa),
         "multipliers": {**scaled, "curvature": float(shape.curvature_multiplier)},
@@ -108,7 +109,7 @@ def total_energy(shape: Equilibrium) -> float:
     p = shape.parameters
     work = 0.0 if shape.fixed_area else float(p.tension * p.area)
     work -= 0.0 if shape.fixed_volume else float(p.pressure * p.volume)
-    return float(shape.energy + shape.global_energy) + work
+    return float(shape.total_energy) + work
 
 
 def gaussian_energy(case: Case, mesh: SurfaceMesh) -> float:

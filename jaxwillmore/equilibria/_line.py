@@ -56,7 +56,8 @@ def _phase_line(start: Equilibrium, parameter: str, scaled: Parameters):
     if parameter == "mean":
         if not start.fixed_area:
             raise ValueError("A branch in `mean` needs a held area.")
-        value = start.parameters.amount / start.parameters.area
+        value = start.mean_concentration
+        assert value is not None
         return 0.5, float(value), scaled.area, lambda q: q.amount
     if not isinstance(phases.well, QuarticWell):
         raise ValueError(
