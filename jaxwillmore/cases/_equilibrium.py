@@ -53,8 +53,8 @@ def run_equilibrium(
     """Find the equilibrium of a case and leave case, shape, summary and picture in a folder.
 
     `[flow]`, `[time]` and `[branch]` play no part, and of `[phase]` neither law nor mobility. A
-    search that fails, or is interrupted by Ctrl-C or SIGTERM, leaves its last accepted shape; `summary["status"]` and
-    `summary["message"]` say why. A second signal ends it at once.
+    search that fails, or is interrupted by Ctrl-C or SIGTERM, leaves its last accepted shape;
+    `summary["status"]` and `summary["message"]` say why. A second signal ends it at once.
 
     **Arguments:**
 
