@@ -15,6 +15,9 @@ os.environ.setdefault("VTK_DEFAULT_OPENGL_WINDOW", "vtkEGLRenderWindow")
 os.environ.setdefault("PYVISTA_OFF_SCREEN", "true")
 os.environ.setdefault("MPLBACKEND", "Agg")
 
+# Commands keep what they compile in the user's cache folder, which is no place for tests.
+os.environ.setdefault("JAXWILLMORE_CACHE", "0")
+
 # A shell that starts the tests in the background lets them ignore Ctrl-C; a terminal does not.
 signal.signal(signal.SIGINT, signal.default_int_handler)
 

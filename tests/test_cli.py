@@ -373,3 +373,10 @@ def test_a_search_interrupted_at_once_ends_with_130_and_keeps_its_start(tmp_path
 def test_a_case_without_its_section_ends_with_2(case, tmp_path, capsys):
     assert main(["branch", case, "--out", str(tmp_path / "out")]) == 2
     assert_one_clear_line(capsys.readouterr().err, "[branch] is missing")
+
+
+def test_doctor_says_what_is_there(capsys):
+    assert main(["doctor"]) == 0
+    said = capsys.readouterr().out
+    for words in ("64-bit floats        on", "device", "compiled programs", "first step", "ms each"):
+        assert words in said
