@@ -378,5 +378,11 @@ def test_a_case_without_its_section_ends_with_2(case, tmp_path, capsys):
 def test_doctor_says_what_is_there(capsys):
     assert main(["doctor"]) == 0
     said = capsys.readouterr().out
-    for words in ("64-bit floats        on", "device", "compiled programs", "first step", "ms each"):
+    for words in (
+        "64-bit floats        on",
+        "device",
+        "compiled programs",
+        "first step",
+        "ms each",
+    ):
         assert words in said

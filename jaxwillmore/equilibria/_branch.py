@@ -21,7 +21,8 @@ from ._results import BRANCH_RESULTS, RESULTS, message, name_of
 from ._shape import Equilibrium, finished
 from ._solve import Solved
 
-FEW_ITERATIONS, MANY_ITERATIONS = 7, 12
+# Most of them are with a Jacobian that is kept, and cost little.
+FEW_ITERATIONS, MANY_ITERATIONS = 9, 12
 # The displacement that a step aims at, in units of the size of the surface.
 AIM = 0.06
 
@@ -336,11 +337,11 @@ def _row(point: Equilibrium, parameter: str, value: float, iterations: int, step
         "newton_iterations": float(iterations),
         "step": step,
     }
-    if point.chemical_potential is not None:
+    if point.chemical_potential is not None and point.mean_concentration is not None:
         row["total_energy"] = float(point.total_energy)
         row["mixing_energy"] = float(point.mixing_energy)
         row["chemical_potential"] = float(point.chemical_potential)
-        row["mean"] = float(point.parameters.amount / point.parameters.area)
+        row["mean"] = float(point.mean_concentration)
     return {parameter: value} | row
 
 

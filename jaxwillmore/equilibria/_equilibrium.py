@@ -22,7 +22,7 @@ from ._parameters import Parameters, Units, moduli
 from ._reference import advanced, prepare, reference
 from ._results import RESULTS, message, name_of
 from ._shape import Equilibrium, constant_path, finished
-from ._solve import Solved, newton_jit
+from ._solve import Solved, newton_on_host
 from ._targets import checked_start, targets
 
 FIRST_TAU = 1e-3
@@ -74,9 +74,7 @@ class Relaxation:
         """Newton's method from a start; to a few digits only where `loose`."""
         start = system.pack(jnp.zeros(y.shape[0]) if s is None else s, y, g)
         tolerance, exact = (LOOSE, LOOSE) if loose else (self.tolerance, EXACT)
-        # Arrays: another number would compile Newton's method again.
-        tolerances = jnp.asarray(tolerance), MAX_ITERATIONS, self.linear_solver, jnp.asarray(exact)
-        solved = newton_jit(system, start, *tolerances)
+        solved = newton_on_host(system, start, tolerance, MAX_ITERATIONS, self.linear_solver, exact)
         self.iterations += int(solved.iterations)
         return solved
 

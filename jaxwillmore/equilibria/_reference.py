@@ -8,7 +8,14 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from ..fem import Rule, gather, load, point, rule_for
-from ..linalg import BlockPattern, SparseOperator, SparseSolver, block_pattern, scatter_blocks
+from ..linalg import (
+    BlockPattern,
+    HostMatrix,
+    SparseOperator,
+    SparseSolver,
+    block_pattern,
+    scatter_blocks,
+)
 from ..mesh import SurfaceMesh
 from ..surface import recover_normal
 from ._frozen import Reference
@@ -73,7 +80,6 @@ def _matrices(mesh, rule, pattern, X):
     return mass, stiffness
 
 
-@eqx.filter_jit
 def advanced(r: Reference, s: Float[Array, " nodes"]) -> Float[Array, "nodes 3"]:
     r"""Nodes of the next reference surface: $X + w$ with the least deformation.
 
@@ -84,15 +90,27 @@ def advanced(r: Reference, s: Float[Array, " nodes"]) -> Float[Array, "nodes 3"]
     ??? cite "Reference"
         Hu, Li (2022), *Numer. Math.* 152, 1–40 (as a velocity; here as a displacement).
     """
+    blocks, rhs = _tangential_equations(r, s)
+    matrix = HostMatrix(r.pattern, np.asarray(blocks))
+    tangential = jnp.asarray(matrix.solve(np.asarray(rhs), 1e-10)[0])
+    matrix.release()
+    return _displaced(r, s, tangential)
+
+
+@eqx.filter_jit
+def _tangential_equations(r: Reference, s):
     T = _tangents(r.n)
     rows, cols = r.pattern.rows, r.pattern.cols
     blocks = r.stiffness[:, None, None] * jnp.einsum("bia,bic->bac", T[rows], T[cols])
     normal = s[:, None] * r.n
     pull = jnp.zeros_like(normal).at[rows].add(r.stiffness[:, None] * normal[cols])
-    rhs = -jnp.einsum("nia,ni->na", T, pull).reshape(-1)
-    operator = SparseOperator(blocks, r.pattern)
-    solution = lx.linear_solve(operator, rhs, SparseSolver(rtol=1e-10), throw=False)
-    return r.X + normal + jnp.einsum("nia,na->ni", T, solution.value.reshape(-1, 2))
+    return blocks, -jnp.einsum("nia,ni->na", T, pull).reshape(-1)
+
+
+@eqx.filter_jit
+def _displaced(r: Reference, s, tangential):
+    w = jnp.einsum("nia,na->ni", _tangents(r.n), tangential.reshape(-1, 2))
+    return r.X + s[:, None] * r.n + w
 
 
 def _tangents(n: Float[Array, "nodes 3"]) -> Float[Array, "nodes 3 2"]:

@@ -1,17 +1,16 @@
 """Stability of an equilibrium: negative directions of the constrained second variation."""
 
 import equinox as eqx
-import jax
 import jax.numpy as jnp
-import lineax as lx
 import numpy as np
 import scipy.sparse as sp
 from jaxtyping import Array, Float
 from scipy.sparse.linalg import LinearOperator, eigsh
 
-from ..linalg import SparseOperator, SparseSolver
+from ..linalg import HostMatrix, SparseOperator
 from ._density import PRESSURE, TENSION
 from ._functional import EquilibriumSystem
+from ._solve import arrays_of
 
 
 def lowest_modes(
@@ -41,15 +40,23 @@ def lowest_modes(
     r, g = system.reference, system.unpack(unknowns)[2]
     shift = 50.0 * (10.0 + float(jnp.abs(g[TENSION]) + jnp.abs(g[PRESSURE])))
     n = r.X.shape[0] * (2 if system.has_phases else 1)
-    solver = SparseSolver(rtol=1e-10, method=linear_solver)
-    operator = _shifted(system, unknowns, jnp.asarray(shift))
-    state = solver.init(operator, {})
+    matrix = HostMatrix(
+        system.pattern,
+        *arrays_of(_shifted(system, unknowns, jnp.asarray(shift))),
+        (),
+        linear_solver,
+    )
+    fields = [0, 4] if system.has_phases else [0]
     entries = (np.asarray(a) for a in (r.mass, r.pattern.cols, r.pattern.indptr))
     M = sp.csr_matrix(tuple(entries))
     M = sp.block_diag([M, M], "csr") if system.has_phases else M
 
     def inverse(b):
-        return np.asarray(_applied(system, operator, state, solver, jnp.asarray(b)))
+        nodal = np.zeros((len(r.X), system.n_fields))
+        nodal[:, fields] = b.reshape(len(fields), -1).T
+        rhs = np.concatenate([nodal.reshape(-1), np.zeros(system.n_globals)])
+        found = matrix.solve(rhs, 1e-10)[0][: nodal.size]
+        return found.reshape(nodal.shape)[:, fields].T.reshape(-1)
 
     def operator_of(matvec):
         return LinearOperator((n, n), matvec=matvec, dtype=float)  # pyright: ignore
@@ -66,6 +73,7 @@ def lowest_modes(
         ncv=4 * count,
         tol=1e-8,  # pyright: ignore
     )
+    matrix.release()
     order = np.argsort(values)
     return values[order], modes[:, order]
 
@@ -80,15 +88,3 @@ def _shifted(system, unknowns, shift) -> SparseOperator:
         (shift, jnp.zeros_like(path.shape), jnp.ones_like(path.weight)),
     )
     return held.jacobian(unknowns)
-
-
-@eqx.filter_jit
-def _applied(system, operator, state, solver, b):
-    """The inverse, from and to displacements with changes of c below them if there are any."""
-    fields = jnp.array([0, 4] if system.has_phases else [0])
-    parts = b.reshape(len(fields), -1).T
-    nodal = jnp.zeros((len(parts), system.n_fields)).at[:, fields].set(parts)
-    rhs = jnp.concatenate([nodal.reshape(-1), jnp.zeros(system.n_globals)])
-    solution = lx.linear_solve(operator, rhs, solver, state=state, throw=False)
-    found = jax.lax.stop_gradient(solution.value)[: nodal.size].reshape(nodal.shape)
-    return found[:, fields].T.reshape(-1)

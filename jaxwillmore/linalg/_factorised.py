@@ -99,7 +99,10 @@ class Factorised:
 
     def solve(self, rhs: np.ndarray, transpose: bool, rtol: float) -> tuple[np.ndarray, int, int]:
         """Solution, iterations and outcome; the whole matrix is factorised when GMRES stalls."""
-        if not (self._finite and np.all(np.isfinite(rhs))):
+        # Nor is one finite whose square overflows: every comparison of residuals would be true.
+        with np.errstate(over="ignore", invalid="ignore"):
+            measurable = np.isfinite(np.linalg.norm(rhs))
+        if not (self._finite and measurable):
             return np.full_like(rhs, np.nan), 0, NON_FINITE
 
         def times(v):

@@ -49,7 +49,11 @@ def flexible_gmres(times: Callable, precondition: Callable, rhs: np.ndarray, rto
     A = LinearOperator(shape, matvec=times, dtype=float)  # pyright: ignore[reportCallIssue]
     P = LinearOperator(shape, matvec=sweep, dtype=float)  # pyright: ignore[reportCallIssue]
     x, residual = np.zeros_like(rhs), rhs
-    norm = np.linalg.norm(rhs)
+    # A right-hand side whose square overflows belongs to no system that could be solved.
+    with np.errstate(over="ignore", invalid="ignore"):
+        norm = np.linalg.norm(rhs)
+    if not np.isfinite(norm):
+        return Krylov(x, 0, residual, False)
     target = rtol * norm
     while not norm <= target and iterations < MAX_ITERATIONS:
         cycle = min(RESTART, MAX_ITERATIONS - iterations)

@@ -61,6 +61,7 @@ def test_derivatives_of_the_shape_by_the_line_tension_agree_with_differences(coa
     @eqx.filter_jit
     def end(value):
         shape = jw.equilibria.resolve(coarse, eqx.tree_at(line, coarse.parameters, value))
+        assert shape.c is not None
         return jnp.sum(shape.x**2 * jnp.array([[1.0, 2.0, 3.0]])) + jnp.sum(shape.c**3)
 
     value, slope = jax.jvp(end, (at,), (jnp.ones(()),))

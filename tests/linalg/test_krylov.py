@@ -6,6 +6,7 @@ import pytest
 
 from jaxwillmore.linalg import SparseOperator
 from jaxwillmore.linalg._direct import ColumnStructure, SuperLU
+from jaxwillmore.linalg._flexible import flexible_gmres
 from jaxwillmore.linalg._groups import block_matrix
 from jaxwillmore.linalg._krylov import Bordered, GaussSeidel
 
@@ -79,3 +80,8 @@ def test_a_border_is_eliminated_exactly(data, transpose):
     whole = sweep(data, (((0, 1, 2, 3, 4),),))
     solve = bordered.preconditioner(lambda u: whole.apply(u, transpose), transpose)
     np.testing.assert_allclose(full @ solve(v), v, atol=1e-10)
+
+
+def test_a_right_hand_side_that_overflows_is_not_called_solved():
+    found = flexible_gmres(lambda v: v, lambda v: v, np.full(4, 1e200), 1e-8)
+    assert not found.converged and found.iterations == 0
