@@ -5,6 +5,9 @@ import os
 import signal
 
 import jax
+import pytest
+
+import jaxwillmore
 
 jax.config.update("jax_enable_x64", True)
 jax.config.update("jax_numpy_rank_promotion", "raise")
@@ -31,3 +34,26 @@ def pytest_configure(config):
     if config.option.markexpr == "not slow":
         jax.config.update("jax_disable_most_optimizations", True)
         os.environ["JAX_DISABLE_MOST_OPTIMIZATIONS"] = "1"  # for commands that tests start
+
+
+@pytest.fixture(autouse=True, scope="module")
+def few_programs_at_once():
+    """Forget compiled programs before the kernel's limit on a process's memory maps is reached.
+
+    Every program that XLA compiles takes several maps, Linux allows 65,530 of them by default, and
+    XLA crashes at the limit.
+    """
+    yield
+    if memory_maps() > 25_000:
+        jax.clear_caches()
+        jaxwillmore.linalg.clear()
+        gc.collect()
+
+
+def memory_maps() -> int:
+    """How many memory maps this process has; 0 where the kernel does not say."""
+    try:
+        with open("/proc/self/maps", "rb") as maps:
+            return sum(1 for _ in maps)
+    except OSError:
+        return 0
