@@ -17,10 +17,10 @@ from ._exact_surface import (
     triaxial_ellipsoid as triaxial_ellipsoid,
 )
 from ._first_variation import (
-    CarriedLineEnergy as CarriedLineEnergy,
     FirstVariation as FirstVariation,
     Geometry as Geometry,
     Whole as Whole,
+    concentration_variation as concentration_variation,
     first_variation as first_variation,
 )
 from ._identities import (

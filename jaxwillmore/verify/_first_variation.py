@@ -6,12 +6,15 @@ direction $\phi = V\nu + T$
 $$ \mathrm{d}E(\phi) = \int_\Gamma g\,V + q\cdot\nabla_\Gamma V \qquad
    \text{with } (g, q) \text{ from } \texttt{first\_variation}. $$
 
-Tangential motion T changes no energy of the shape alone; it does change the energy of a field
-that is carried along, see `CarriedLineEnergy`.
+Tangential motion T changes no energy of the shape alone. An energy that reads a concentration also
+has a derivative by it, and T, which carries the nodal values along, changes that energy by it:
+
+$$ \mathrm{d}E(\psi) = \int_\Gamma \mu\,\psi \qquad
+   \text{in weak form from } \texttt{concentration\_variation}. $$
 """
 
 import functools as ft
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import equinox as eqx
 import jax
@@ -19,23 +22,22 @@ import jax.numpy as jnp
 from jaxtyping import Array, Float
 
 from ..energies import (
-    AbstractEnergy,
     AbstractGlobalEnergy,
     CanhamHelfrich,
+    GinzburgLandau,
+    TwoPhase,
     Willmore,
+    modulus_at,
+    modulus_jet,
     terms_of,
 )
 from ..energies._base import Combination
-from ..fem import Jet, inner, integrate
+from ..fem import Jet, inner
 from ..surface import gaussian_curvature
 
 
-def _number(value) -> Float[Array, ""]:
-    return jnp.asarray(value, float)
-
-
 class Geometry(eqx.Module):
-    """A surface at one point: mean curvature with gradient, Weingarten map, a carried field."""
+    """A surface at one point: mean curvature with gradient, Weingarten map, concentration."""
 
     H: Jet
     A: Float[Array, "3 3"]
@@ -55,33 +57,6 @@ class FirstVariation(NamedTuple):
 
     force: Float[Array, ""]
     flux: Float[Array, "3"]
-
-
-class CarriedLineEnergy(AbstractEnergy):
-    r"""$E = \int \tfrac\zeta4 c^2(1-c)^2 + \tfrac\gamma2|\nabla_\Gamma c|^2$ of a carried field.
-
-    The nodal values `c` stay when nodes move: $\partial^\bullet c = 0$.
-    """
-
-    c: Float[Array, " nodes"]
-    gradient_coefficient: Float[Array, ""] = eqx.field(default=0.3, converter=_number)
-    well: Float[Array, ""] = eqx.field(default=2.0, converter=_number)
-
-    def potential(self, c: Float[Array, ""]) -> Float[Array, ""]:
-        r"""$\Psi(c)$, energy/length²."""
-        return 0.25 * self.well * c**2 * (1 - c) ** 2
-
-    def density(self, c: Jet) -> Float[Array, ""]:
-        r"""$\Psi(c) + \tfrac\gamma2|\nabla_\Gamma c|^2$, energy/length²."""
-        return self.potential(c.value) + 0.5 * self.gradient_coefficient * inner(c.grad, c.grad)
-
-    def by_field(self, c: Jet, change: Jet) -> Float[Array, ""]:
-        r"""$\Psi'(c)\,\delta c + \gamma\nabla_\Gamma c\cdot\nabla_\Gamma\delta c$ at one point."""
-        slope = jax.grad(self.potential)(c.value)
-        return slope * change.value + self.gradient_coefficient * inner(c.grad, change.grad)
-
-    def __call__(self, mesh, x, fields=None):
-        return integrate(mesh, x, lambda _, f: self.density(f.c), {"c": self.c})
 
 
 @ft.singledispatch
@@ -104,14 +79,16 @@ def willmore(energy: Willmore, at: Geometry, whole: Whole) -> FirstVariation:
 
 @first_variation.register(CanhamHelfrich)
 def canham_helfrich(energy: CanhamHelfrich, at: Geometry, whole: Whole) -> FirstVariation:
-    r"""$-2b_b\int [\Delta H + |A|^2(H - H_0) - \tfrac12H(H - H_0)^2]V$, by parts.
+    r"""$-\int [\Delta U + |A|^2U - b_bH(H - H_0)^2 + \nabla\cdot((HI - A)\nabla b_k)]V$, by parts.
 
-    The Gaussian modulus adds nothing on a closed surface.
+    With $U = 2b_b(H - H_0)$; the moduli may depend on the concentration, which stays on its points.
+    A constant Gaussian modulus adds nothing on a closed surface.
     """
-    b, H0 = 2 * energy.bending_modulus, energy.spontaneous_curvature
-    H, A = at.H.value, at.A
-    force = b * (0.5 * H * (H - H0) ** 2 - inner(A, A) * (H - H0))
-    return FirstVariation(force, b * at.H.grad)
+    b_b, H0, b_k = (modulus_jet(modulus, at.c) for modulus in _moduli(energy))
+    H, A, e = at.H.value, at.A, at.H.value - H0.value
+    force = b_b.value * (H * e**2 - 2 * inner(A, A) * e)
+    of_U = 2 * (b_b.value * (at.H.grad - H0.grad) + e * b_b.grad)
+    return FirstVariation(force, of_U + H * b_k.grad - A @ b_k.grad)
 
 
 @first_variation.register(AbstractGlobalEnergy)
@@ -126,13 +103,20 @@ def of_measures(energy: AbstractGlobalEnergy, at: Geometry, whole: Whole) -> Fir
     return FirstVariation(force, jnp.zeros(3))
 
 
-@first_variation.register(CarriedLineEnergy)
-def line_energy(energy: CarriedLineEnergy, at: Geometry, whole: Whole) -> FirstVariation:
+@first_variation.register(GinzburgLandau)
+def ginzburg_landau(energy: GinzburgLandau, at: Geometry, whole: Whole) -> FirstVariation:
     r"""$\int [(\Psi + \tfrac\gamma2|\nabla c|^2)H - \gamma\,\nabla c\cdot A\nabla c]V$."""
     gradient = at.c.grad
     stretch = energy.density(at.c) * at.H.value
-    turn = energy.gradient_coefficient * inner(gradient, at.A @ gradient)
+    turn = energy.well.gradient_coefficient * inner(gradient, at.A @ gradient)
     return FirstVariation(stretch - turn, jnp.zeros(3))
+
+
+@first_variation.register(TwoPhase)
+def two_phase(energy: TwoPhase, at: Geometry, whole: Whole) -> FirstVariation:
+    """The sum of those of its bending and its mixing."""
+    bending, mixing = (first_variation(e, at, whole) for e in (energy.bending, energy.mixing))
+    return FirstVariation(bending.force + mixing.force, bending.flux + mixing.flux)
 
 
 @first_variation.register(Combination)
@@ -143,3 +127,42 @@ def of_sum(energy: Combination, at: Geometry, whole: Whole) -> FirstVariation:
         part = first_variation(term, at, whole)
         force, flux = force + factor * part.force, flux + factor * part.flux
     return FirstVariation(force, flux)
+
+
+@ft.singledispatch
+def concentration_variation(energy, at: Geometry, change: Jet) -> Float[Array, ""]:
+    r"""$\mu\psi$ at one point, by parts, for a change $\psi$ of the concentration; energy/length².
+
+    Zero for an energy that reads no concentration.
+    """
+    return jnp.zeros(())
+
+
+@concentration_variation.register(CanhamHelfrich)
+def of_moduli(energy: CanhamHelfrich, at: Geometry, change: Jet) -> Float[Array, ""]:
+    r"""$[b_b'(H - H_0)^2 - 2b_b(H - H_0)H_0' + b_k'K]\psi$."""
+    c = at.c.value
+    b_b, H0 = (modulus_at(modulus, c) for modulus in _moduli(energy)[:2])
+    by_c = [jax.grad(ft.partial(modulus_at, modulus))(c) for modulus in _moduli(energy)]
+    e, K = at.H.value - H0, gaussian_curvature(at.A)
+    return (by_c[0] * e**2 - 2 * b_b * e * by_c[1] + by_c[2] * K) * change.value
+
+
+@concentration_variation.register(GinzburgLandau)
+def of_mixing(energy: GinzburgLandau, at: Geometry, change: Jet) -> Float[Array, ""]:
+    r"""$\Psi'(c)\,\psi + \gamma\nabla c\cdot\nabla\psi$."""
+    slope = jax.grad(energy.well.potential)(at.c.value)
+    steep = energy.well.gradient_coefficient * inner(at.c.grad, change.grad)
+    return slope * change.value + steep
+
+
+@concentration_variation.register(TwoPhase)
+def of_two_phases(energy: TwoPhase, at: Geometry, change: Jet) -> Float[Array, ""]:
+    """The sum of those of its bending and its mixing."""
+    parts = (concentration_variation(e, at, change) for e in (energy.bending, energy.mixing))
+    return sum(parts, start=jnp.zeros(()))
+
+
+def _moduli(energy: CanhamHelfrich) -> tuple[Any, Any, Any]:
+    """Bending modulus, spontaneous curvature, Gaussian modulus."""
+    return energy.bending_modulus, energy.spontaneous_curvature, energy.gaussian_modulus

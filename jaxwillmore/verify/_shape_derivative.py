@@ -18,9 +18,12 @@ from ..energies import (
     AbstractEnergy,
     AreaDifference,
     CanhamHelfrich,
+    GinzburgLandau,
+    Mixture,
     OsmoticPressure,
     Pressure,
     SurfaceTension,
+    TwoPhase,
     Willmore,
     shape_derivative,
 )
@@ -34,21 +37,24 @@ from ..surface import (
     weingarten,
 )
 from ._exact_surface import ExactSurface, bumpy_surface, round_torus, triaxial_ellipsoid
-from ._first_variation import CarriedLineEnergy, Geometry, Whole, first_variation
+from ._first_variation import Geometry, Whole, concentration_variation, first_variation
 from ._orders import with_orders
 
 SURFACES = (triaxial_ellipsoid, round_torus, bumpy_surface)
 # In the order of the table; compiled functions return dictionaries sorted by name.
-ENERGIES = (
-    "Willmore",
-    "Canham-Helfrich",
-    "tension",
-    "pressure",
-    "osmotic",
-    "area difference",
-    "line energy",
-)
-DIRECTIONS = ("normal", "tangential")
+STUDIED: dict[str, AbstractEnergy] = {
+    "Willmore": Willmore(),
+    "Canham-Helfrich": CanhamHelfrich(0.6, 0.2, 0.7),
+    "tension": SurfaceTension(0.8),
+    "pressure": Pressure(0.9),
+    "osmotic": OsmoticPressure(6.0, 3.0, 1.0, 0.5),
+    "area difference": AreaDifference(1.2, 0.3, 0.1),
+    "Ginzburg-Landau": GinzburgLandau(0.3, 0.6),
+    "two phases": TwoPhase(Mixture(0.5, 0.8), Mixture(-0.2, 0.9), Mixture(0.2, -0.4), 0.3, 0.6),
+}
+ENERGIES = tuple(STUDIED)
+OF_A_CONCENTRATION = ("Ginzburg-Landau", "two phases")
+DIRECTIONS = ("normal", "tangential", "concentration")
 Row = dict[str, Any]
 
 
@@ -58,7 +64,7 @@ def normal_speed(p: Float[Array, "3"]) -> Float[Array, ""]:
 
 
 def carried_field(p: Float[Array, "3"]) -> Float[Array, ""]:
-    """c of the line energy."""
+    """The concentration, carried by the nodes."""
     return 0.5 + 0.4 * jnp.sin(1.5 * p[0] + p[1]) - 0.2 * p[2]
 
 
@@ -68,23 +74,17 @@ def tangential_velocity(nu: Float[Array, "3"], p: Float[Array, "3"]) -> Float[Ar
     return w - jnp.dot(w, nu) * nu
 
 
-def study_energies(c: Float[Array, " nodes"]) -> dict[str, AbstractEnergy]:
-    """One energy of each kind, by name; `c` are the nodal values of the carried field."""
-    energies = (
-        Willmore(),
-        CanhamHelfrich(0.6, 0.2, 0.7),
-        SurfaceTension(0.8),
-        Pressure(0.9),
-        OsmoticPressure(6.0, 3.0, 1.0, 0.5),
-        AreaDifference(1.2, 0.3, 0.1),
-        CarriedLineEnergy(c),
-    )
-    return dict(zip(ENERGIES, energies, strict=True))
+def change_of_the_field(p: Float[Array, "3"]) -> Float[Array, ""]:
+    """The direction in which the concentration is changed."""
+    return jnp.cos(p[0]) - 0.4 * p[1] + 0.6 * p[2] * p[0]
 
 
 @eqx.filter_jit
-def exact_derivatives(surface: ExactSurface) -> dict[str, Float[Array, "3"]]:
-    r"""Normal and tangential derivative of every energy, and $\int |gV| + |q\cdot\nabla V|$."""
+def exact_derivatives(surface: ExactSurface) -> dict[str, Float[Array, "directions 2"]]:
+    r"""Derivative of every energy in every direction, and the size that errors are relative to.
+
+    The size is $\int |gV| + |q\cdot\nabla V|$, and $\int |\mu\psi|$ by the concentration.
+    """
     p, weights = surface.points()
     level_set = surface.level_set
     nu, H = level_set.normal(p), level_set.mean_curvature(p)
@@ -93,7 +93,6 @@ def exact_derivatives(surface: ExactSurface) -> dict[str, Float[Array, "3"]]:
         jnp.sum(weights * jnp.sum(p * nu, axis=1)) / 3,
         jnp.sum(weights * H),
     )
-    energies = study_energies(jnp.zeros(1))
 
     def carried_away(p):
         """-T·∇c: how c at a fixed place changes when T carries it."""
@@ -104,19 +103,20 @@ def exact_derivatives(surface: ExactSurface) -> dict[str, Float[Array, "3"]]:
         H = Jet(level_set.mean_curvature(p[None])[0], level_set.mean_curvature_gradient(p[None])[0])
         c, V = surface.jet(carried_field, p), surface.jet(normal_speed, p)
         here = Geometry(H, level_set.weingarten(p[None])[0], c)
-        change = surface.jet(carried_away, p)
+        carried, changed = (surface.jet(f, p) for f in (carried_away, change_of_the_field))
         out = []
-        for energy in energies.values():
+        for energy in STUDIED.values():
             g, q = first_variation(energy, here, whole)
             terms = jnp.stack([g * V.value, jnp.dot(q, V.grad)])
-            along = jnp.zeros(())
-            if isinstance(energy, CarriedLineEnergy):
-                along = energy.by_field(c, change)
-            out.append(jnp.stack([jnp.sum(terms), along, jnp.sum(jnp.abs(terms))]))
+            size = jnp.sum(jnp.abs(terms))
+            along = concentration_variation(energy, here, carried)
+            by_c = concentration_variation(energy, here, changed)
+            answers = (jnp.sum(terms), size), (along, size), (by_c, jnp.abs(by_c))
+            out.append(jnp.stack([jnp.stack(answer) for answer in answers]))
         return jnp.stack(out)
 
     values = jnp.tensordot(weights, jax.vmap(at)(p), axes=1)
-    return dict(zip(energies, values, strict=True))
+    return dict(zip(ENERGIES, values, strict=True))
 
 
 @eqx.filter_jit
@@ -124,18 +124,23 @@ def discrete_derivatives(
     mesh: SurfaceMesh,
     x: Float[Array, "nodes 3"],
     normal: Float[Array, "nodes 3"],
-) -> dict[str, Float[Array, "2"]]:
-    """Derivatives of the discrete energies by JAX, in the two directions."""
-    V = jax.vmap(normal_speed)(x)
+) -> dict[str, Float[Array, " directions"]]:
+    """Derivatives of the discrete energies by JAX, in the three directions."""
+    V, c = jax.vmap(normal_speed)(x), jax.vmap(carried_field)(x)
     T = jax.vmap(tangential_velocity)(normal, x)
-    energies = study_energies(jax.vmap(carried_field)(x))
 
-    def all_of(mesh, x):
-        return jnp.stack([energy(mesh, x) for energy in energies.values()])
+    def all_of(mesh, x, c):
+        return jnp.stack([energy(mesh, x, {"c": c}) for energy in STUDIED.values()])
+
+    def with_c(mesh, x):
+        return all_of(mesh, x, c)
 
     directions = jnp.stack([V[:, None] * normal, T])
-    slopes = jax.vmap(ft.partial(shape_derivative, all_of, mesh, x))(directions)
-    return {name: slopes[:, k] for k, name in enumerate(energies)}
+    by_shape = jax.vmap(ft.partial(shape_derivative, with_c, mesh, x))(directions)
+    psi = jax.vmap(change_of_the_field)(x)
+    _, by_c = jax.jvp(ft.partial(all_of, mesh, x), (c,), (psi,))
+    slopes = jnp.concatenate([by_shape, by_c[None]])
+    return {name: slopes[:, k] for k, name in enumerate(ENERGIES)}
 
 
 @eqx.filter_jit
@@ -150,17 +155,16 @@ def recovered_derivatives(
         "c": jax.vmap(carried_field)(x),
         "V": jax.vmap(normal_speed)(x),
     }
-    energies = study_energies(fields["c"])
     total = integrate(mesh, x, lambda _, f: f.H.value, fields)
     whole = Whole(area(mesh, x), volume(mesh, x), total)
 
     def density(_, f):
         here = Geometry(f.H, weingarten(f.nu), f.c)
-        variations = [first_variation(energy, here, whole) for energy in energies.values()]
+        variations = [first_variation(energy, here, whole) for energy in STUDIED.values()]
         return jnp.stack([g * f.V.value + jnp.dot(q, f.V.grad) for g, q in variations])
 
     values = integrate(mesh, x, density, fields)
-    return {name: values[k] for k, name in enumerate(energies)}
+    return {name: values[k] for k, name in enumerate(ENERGIES)}
 
 
 def shape_derivative_rows(
@@ -171,8 +175,9 @@ def shape_derivative_rows(
     Columns: `surface`, `energy`, `direction`, `nodes`, `h`, the derivative `autodiff` of the
     discrete energy, `exact`, the `error` between them, `recovered` and its `recovered_error` (only
     in the normal direction), and the orders observed from the row before. Errors are relative to
-    $\int |gV| + |q\cdot\nabla V|$, which stays away from zero when the derivative does not; the
-    tangential derivative of all but the line energy is exactly zero.
+    $\int |gV| + |q\cdot\nabla V|$, which stays away from zero when the derivative does not; in the
+    direction `concentration`, which only energies of two phases have, to $\int |\mu\psi|$. The
+    tangential derivative of all others is exactly zero.
     """
     exact = exact_derivatives(surface)
     found = []
@@ -184,17 +189,19 @@ def shape_derivative_rows(
         found.append(({"nodes": mesh.n_nodes, "h": h}, *slopes))
     rows: list[Row] = []
     for name in ENERGIES:
-        *answers, scale = exact[name]
-        for k, direction in enumerate(DIRECTIONS):
+        directions = DIRECTIONS if name in OF_A_CONCENTRATION else DIRECTIONS[:2]
+        for k, direction in enumerate(directions):
+            answer, scale = exact[name][k]
             own = []
             for numbers, autodiff, recovered in found:
                 row = {"surface": surface.name, "energy": name, "direction": direction} | numbers
-                row |= {"autodiff": float(autodiff[name][k]), "exact": float(answers[k])}
+                row |= {"autodiff": float(autodiff[name][k]), "exact": float(answer)}
                 row["error"] = abs(row["autodiff"] - row["exact"]) / float(scale)
                 if k == 0:
                     row["recovered"] = float(recovered[name])
                     difference = abs(row["recovered"] - row["exact"])
                     row["recovered_error"] = difference / float(scale)
                 own.append(row)
-            rows += with_orders(own, "h", ("error", "recovered_error")[: 2 - k])
+            errors = ("error", "recovered_error") if k == 0 else ("error",)
+            rows += with_orders(own, "h", errors)
     return rows
