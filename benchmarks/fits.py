@@ -1,8 +1,8 @@
-"""Fits: twins, noise, other meshes, time series, force balance, six red cells, a measured shape.
+"""Fits: twins, noise, other meshes, time series, two phases, force balance, measured cells.
 
     python benchmarks/fits.py                 the parts that take minutes
     python benchmarks/fits.py --full          100 noisy trials, finer models
-    python benchmarks/fits.py --only twin noise mesh series forces cells evans-fung
+    python benchmarks/fits.py --only twin noise mesh series phases forces cells evans-fung
 
 Lengths of the red cells have no physical scale: their recordings state no voxel size. They are
 data for shape matching and no evidence for a bending modulus; a static shape shows ratios only.
@@ -108,19 +108,20 @@ def twin(full):
         )
 
 
-def observed(mesh, x):
-    """Triangles, points and normals at the vertices of a finer, turned mesh of the same surface.
+def observed(mesh, x, c=None, level=3):
+    """Triangles, points and normals at the vertices of a turned mesh of the same surface, and c.
 
     Points on the edges of the model would see the kinks of its normals.
     """
-    sphere, u = jw.mesh.icosphere(level=3, degree=1)
+    sphere, u = jw.mesh.icosphere(level=level, degree=1)
     turned = np.asarray(u @ fit.rotation(jnp.array([0.3, -0.2, 0.5])).T)
     cells, x = np.asarray(mesh.cells), np.asarray(x)
     cell, basis = jw.surface.closest(cells, x, turned * np.max(np.abs(x), axis=0))
     frame = np.einsum("pji,pjd->pid", basis, x[cells[cell]])
     normals = np.cross(frame[:, 1], frame[:, 2])
     normals = normals / np.linalg.norm(normals, axis=1)[:, None]
-    return np.asarray(sphere.triangles), frame[:, 0], normals
+    there = None if c is None else np.einsum("pj,pj->p", basis[..., 0], np.asarray(c)[cells[cell]])
+    return np.asarray(sphere.triangles), frame[:, 0], normals, there
 
 
 def noise(full):
@@ -128,7 +129,7 @@ def noise(full):
     kind, truth = TWINS[0]
     at = fit.MatchIterate((truth | {"pressure": 0.0},), (pose(),))
     made = on_reference(solved(kind, truth, 1), truth)
-    triangles, points, nu = observed(equilibria.spheroid(0.8, kind, 1)[0], made.x)
+    triangles, points, nu, _ = observed(equilibria.spheroid(0.8, kind, 1)[0], made.x)
     trials = 100 if full else 10
     inside, converged = dict.fromkeys(truth, 0), 0
     for seed in range(trials):
@@ -170,6 +171,75 @@ def build(p):
     return jw.flows.System(
         jw.flows.WillmoreFlow(p["bending_modulus"]), jw.flows.MinimalDeformation()
     )
+
+
+TWO_PHASES = {"line_tension": 4.0, "curvature_contrast": 1.2}
+
+
+def two_phase_energy(p):
+    """Of line tension and spontaneous curvature of phase 1, width 0.35."""
+    curvature = jw.energies.Mixture(0.0, p["curvature_contrast"])
+    return jw.energies.TwoPhase(0.5, curvature, 0.0, p["line_tension"], 0.35)
+
+
+def phases(full):
+    """Line tension and contrast of H0 from shape and c: twin 50 % off, noise, another mesh."""
+    start = {name: 0.5 * value for name, value in TWO_PHASES.items()}
+    arrays = lambda p: {name: jnp.asarray(value) for name, value in p.items()}
+
+    def vesicle(p, level):
+        mesh, x = jw.mesh.ellipsoid((0.7119562, 0.7119562, 1.6769200), level, degree=2)
+        return equilibria.equilibrium(
+            mesh,
+            x,
+            two_phase_energy(arrays(p)),
+            c=jw.phases.stripe(mesh, x, 0.35, 0.5),
+            area=4 * np.pi,  # pyright: ignore
+            reduced_volume=0.85,
+            stability=False,
+        )
+
+    def say(label, found):
+        low_high = found.identification.intervals()
+        words = "  ".join(
+            f"{name} {found.parameters[name] - value:+.1e} "
+            f"± {0.5 * (low_high[name][1] - low_high[name][0]):.1e}"
+            for name, value in TWO_PHASES.items()
+        )
+        stats = found.stats
+        print(
+            f"{label:<28} {fit.name_of(found.result):<16} {words}  rms {found.rms:.1e}, "
+            f"{found.rms_concentration:.1e}  {stats['steps']} steps, {stats['seconds']:.0f} s",
+            flush=True,
+        )
+
+    first = vesicle(start, 1)
+    there = eqx.tree_at(
+        lambda p: p.two_phase, first.parameters, two_phase_energy(arrays(TWO_PHASES))
+    )
+    made = equilibria.resolve(first, there)
+    assert bool(made.converged)
+    match = lambda seen, **how: fit.match_phases(
+        two_phase_energy, seen, first, start=start, throw=False, **how
+    )
+    say("twin", match((first.mesh, made.x, made.c), new_references=False))
+    triangles, points, nu, c = observed(first.mesh, made.x, made.c)
+    size, inside, converged, trials = (0.01, 0.02), dict.fromkeys(start, 0), 0, 20 if full else 5
+    for seed in range(trials):
+        rng = np.random.default_rng(seed)
+        x = points + size[0] * rng.normal(size=(len(points), 1)) * nu
+        seen = triangles, x, c + size[1] * rng.normal(size=len(c))
+        found = match(seen, noise=size, new_references=False)
+        converged += found.succeeded
+        for name, (low, high) in found.identification.intervals().items():
+            inside[name] += low <= TWO_PHASES[name] <= high
+        if seed == 0:
+            say("1 % and 0.02 noise", found)
+    print(f"truth within the 95 % interval in {inside} of {trials} trials, {converged} converged")
+    source = vesicle(TWO_PHASES, 3 if full else 2)
+    R = jw.fit.rotation(jnp.array([0.3, -0.2, 0.5]))
+    moved = 1.7 * source.x @ R.T + jnp.array([[3.0, -1.0, 2.0]])
+    say("another mesh, moved", match((source.mesh, moved, source.c)))
 
 
 def series(full):
@@ -279,6 +349,7 @@ PARTS = {
     "noise": noise,
     "mesh": mesh,
     "series": series,
+    "phases": phases,
     "forces": forces,
     "cells": cells,
     "evans-fung": evans_fung,

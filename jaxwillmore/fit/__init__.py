@@ -13,6 +13,7 @@ from ._parameters import (
     Positive as Positive,
     Unbounded as Unbounded,
 )
+from ._phase_fit import PhaseFit as PhaseFit, match_phases as match_phases
 from ._pose import rotation as rotation
 from ._profile import profile as profile
 from ._results import RESULTS as RESULTS, message as message, name_of as name_of

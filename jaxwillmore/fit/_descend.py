@@ -20,9 +20,9 @@ FRESH_STARTS = 4
 # where rounding or kinks in the distance let no step lower it further.
 STATIONARY, NEARLY_STATIONARY = 1e-5, 1e-3
 # Accepted steps that together bring less than a tenth of what the linear model promises for one,
-# within a tenth of a standard error of its minimum: that lies in a kink, and they would go on along
-# it for long.
-CRAWL, INSIGNIFICANT = 5, 0.1
+# within a quarter of a standard error of its minimum: that lies in a kink, and they would go on
+# along it for long.
+CRAWL, INSIGNIFICANT = 5, 0.25
 
 
 class Aux(eqx.Module):

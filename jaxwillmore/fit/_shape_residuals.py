@@ -39,11 +39,14 @@ class Model(eqx.Module):
             jnp.zeros(()),
             parameters["pressure"] * one,
         )
+        return self.at(p)
+
+    def at(self, p: Parameters) -> tuple[Resolved, Bool[Array, ""]]:
+        """The equilibrium for other parameters of the same kind, and whether it exists."""
         # The implicit function theorem has nothing to say where Newton's method went astray: find
         # that out first, without derivatives.
         start, exists = self._way_to(jax.lax.stop_gradient(p))
-        own = self.equilibrium.parameters
-        p = jax.tree.map(lambda there, here: jnp.where(exists, there, here), p, own)
+        p = _mixed(lambda a, b: jnp.where(exists, b, a), self.equilibrium.parameters, p)
         return resolve(_begun(self.equilibrium, start), p), exists
 
     def _way_to(self, p: Parameters) -> tuple[Float[Array, " unknowns"], Bool[Array, ""]]:
@@ -60,7 +63,7 @@ class Model(eqx.Module):
         def go_on(state):
             done, part, start = state
             there = jnp.minimum(done + part, 1.0)
-            between = jax.tree.map(lambda a, b: a + there * (b - a), own, p)
+            between = _mixed(lambda a, b: a + there * (b - a), own, p)
             found = resolve(_begun(self.equilibrium, start), between)
             arrived = found.converged
             return (
@@ -73,6 +76,11 @@ class Model(eqx.Module):
         done, _, start = jax.lax.while_loop(unfinished, go_on, state)
         exists = done == 1.0
         return jnp.where(exists, start, self.equilibrium.unknowns), exists
+
+
+def _mixed(mix, own: Parameters, p: Parameters) -> Parameters:
+    """A function of the numbers of two sets of parameters; functions among them are those of p."""
+    return jax.tree.map(lambda a, b: mix(a, b) if eqx.is_array(a) else b, own, p)
 
 
 def _begun(equilibrium: Equilibrium, start: Float[Array, " unknowns"]) -> Equilibrium:

@@ -29,8 +29,11 @@ def _monomials(degree: int, xi):
     return xp.stack([xi[..., 0] ** a * xi[..., 1] ** b for a, b in powers], axis=-1)
 
 
-def cell_point(x_T: Float[Array, "local 3"], xi: Float[Array, "2"]) -> Float[Array, "3"]:
-    """The point of a curved cell at reference coordinates; smooth in both arguments."""
+def cell_point(x_T: Float[Array, "local ..."], xi: Float[Array, "2"]) -> Float[Array, "..."]:
+    """The point of a curved cell at reference coordinates; smooth in both arguments.
+
+    With other nodal values in place of positions: their interpolation there.
+    """
     degree = {3: 1, 6: 2, 10: 3, 15: 4}[x_T.shape[0]]
     basis = jnp.asarray(_monomials(degree, xi)) @ jnp.asarray(_monomial_coefficients(degree))
     return basis @ x_T

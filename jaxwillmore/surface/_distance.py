@@ -38,6 +38,26 @@ def distance_to_cells(
     points: Float[Array, "points 3"],
 ) -> Float[Array, " points"]:
     """The same for cells that need not make up a mesh; NaN where they are not finite."""
+    return jax.vmap(_distance)(*_found(cells, x, points)[1:])
+
+
+def distance_and_value(
+    cells: Int[Array, "cells local"],
+    x: Float[Array, "nodes 3"],
+    field: Float[Array, " nodes"],
+    points: Float[Array, "points 3"],
+) -> tuple[Float[Array, " points"], Float[Array, " points"]]:
+    """Signed distances, and a nodal field at the closest points; differentiable likewise."""
+    cell, *near = _found(cells, x, points)
+
+    def at(f_T, x_T, p, foot, freedom):
+        return _distance(x_T, p, foot, freedom), cell_point(f_T, _moved(x_T, p, foot, freedom))
+
+    return jax.vmap(at)(field[cells[cell]], *near)
+
+
+def _found(cells, x, points):
+    """The closest cell of every point, its nodes, the point, its foot and how that may move."""
     n = points.shape[0]
     cell, xi, freedom = jax.pure_callback(
         _search,
@@ -50,7 +70,7 @@ def distance_to_cells(
         *jax.lax.stop_gradient((x, points)),
         vmap_method="sequential",
     )
-    return jax.vmap(_distance)(x[cells[cell]], points, xi, freedom)
+    return cell, x[cells[cell]], points, xi, freedom
 
 
 def _search(cells, nodes, points):
@@ -67,15 +87,20 @@ def _slopes(x_T, p, xi):
     return jax.grad(half_square)(xi), jax.hessian(half_square)(xi)
 
 
-def _distance(x_T, p, foot, freedom):
-    """The distance with everything that depends on `x_T` and `p` in the open.
+def _moved(x_T, p, foot, freedom):
+    """The foot, with its dependence on `x_T` and `p` in the open.
 
     One Newton step from the converged foot changes nothing but the derivatives: it lets the foot
     move as far as it is free to.
     """
     g, D = _slopes(x_T, p, foot)
     P = freedom
-    xi = foot - P @ solve2(P @ D @ P + jnp.eye(2) - P, P @ g)
+    return foot - P @ solve2(P @ D @ P + jnp.eye(2) - P, P @ g)
+
+
+def _distance(x_T, p, foot, freedom):
+    """The distance with everything that depends on `x_T` and `p` in the open."""
+    P, xi = freedom, _moved(x_T, p, foot, freedom)
     T = jax.jacfwd(cell_point, 1)(x_T, xi)
     cross = jnp.cross(T[:, 0], T[:, 1])
     arm = p - cell_point(x_T, xi)

@@ -11,6 +11,7 @@ from scipy.spatial import KDTree
 from jaxwillmore.mesh import ellipsoid, icosphere
 from jaxwillmore.reference import lagrange_basis
 from jaxwillmore.surface import Ellipsoid, closest, signed_distance
+from jaxwillmore.surface._distance import distance_and_value
 from jaxwillmore.verify import rough_sphere
 
 from ..helpers import observed_order, random_rotation, taylor_remainders
@@ -154,3 +155,28 @@ def test_at_an_edge_the_foot_slides_along_it():
     for k in range(2):
         remainders = taylor_remainders(lambda x, k=k: distances(mesh, x, p)[k], x, phi, steps)
         assert abs(observed_order(steps, remainders) - 2.0) < 0.05, (k, remainders)
+
+
+# A nodal field at the closest points.
+def test_a_field_at_the_closest_points_has_derivatives_by_surface_field_and_point():
+    """Central differences; the foot moves along the surface, which is a term of its own."""
+    mesh, x = icosphere(1, 2)
+    x = x * jnp.array([[1.0, 1.1, 1.3]])
+    points = jnp.mean(x[mesh.cells[::9]], axis=1) * 1.1
+    field, key = jnp.sin(x[:, 0] + 2 * x[:, 2]), jr.key(0)
+    keys = jr.split(key, 3)
+    args = x, field, points
+    change = [jr.normal(k, a.shape) for k, a in zip(keys, args, strict=True)]
+    weights = jnp.cos(jnp.arange(float(len(points))))
+
+    @jax.jit
+    def f(x, field, points):
+        return jnp.vdot(weights, distance_and_value(mesh.cells, x, field, points)[1])
+
+    step = 1e-5
+    sides = [f(*(a + h * d for a, d in zip(args, change, strict=True))) for h in (-step, step)]
+    _, slope = jax.jvp(f, args, tuple(change))
+    np.testing.assert_allclose((sides[1] - sides[0]) / (2 * step), slope, rtol=1e-7)
+    gradient = jax.grad(f, (0, 1, 2))(*args)
+    reverse = sum(jnp.vdot(g, d) for g, d in zip(gradient, change, strict=True))
+    np.testing.assert_allclose(reverse, slope, rtol=1e-11)
