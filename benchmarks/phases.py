@@ -326,7 +326,7 @@ def mixed_sphere(levels) -> list[dict]:
             w = density - u
             z = n[:, 2]
             Y = legendre(n) if mode == 2 else (5 * z**3 - 3 * z) / 2
-            size = 1e-3
+            size = 1e-5
             x = (1 + size * u * Y)[:, None] * n
             flow = System(
                 CahnHilliard(),

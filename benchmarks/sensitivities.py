@@ -3,13 +3,12 @@
     python benchmarks/sensitivities.py [--full] [MAP ...]
 
 Maps: the end of a run with tension, pressure and osmosis (`run-loaded`), with area and volume held
-(`run-held`), with nodal fields (`run-fields`); an equilibrium with area and volume held (`held`),
-under prescribed tension and pressure (`loaded`), and with area held and osmosis (`osmosis`); a
-point of a branch (`branch`). Targets: the
-order of the remainder |f(p + h) - f(p) - h f'| is 2 ± 0.05, forward and reverse mode agree to
-1e-10, and the derivative of the energy of an equilibrium is what the envelope theorem says, to
-1e-6. A dash stands where the output is linear in the parameter up to rounding. 42 nodes of degree
-2; with `--full` 162.
+(`run-held`), with nodal fields (`run-fields`), of two phases (`run-phases`); an equilibrium with
+area and volume held (`held`), under prescribed tension and pressure (`loaded`), with area held and
+osmosis (`osmosis`), of two phases (`phases`); a point of a branch (`branch`). Targets: the order of
+the remainder |f(p + h) - f(p) - h f'| is 2 ± 0.05, forward and reverse mode agree to 1e-10, and the
+derivative of the energy of an equilibrium is what the envelope theorem says, to 1e-6. A dash stands
+where the output is linear in the parameter up to rounding. 42 nodes of degree 2; with `--full` 162.
 """
 
 import argparse
@@ -24,9 +23,12 @@ from jaxwillmore.verify import (
     rough_sphere,
     run_sensitivity,
     sensitivity_rows,
+    two_phase_run_sensitivity,
+    two_phase_sensitivity,
 )
 
-MAPS = ("run-loaded", "run-held", "run-fields", "held", "loaded", "osmosis", "branch")
+RUNS = ("run-loaded", "run-held", "run-fields", "run-phases")
+MAPS = (*RUNS, "held", "loaded", "osmosis", "branch", "phases")
 
 
 def study(name: str, level: int):
@@ -34,7 +36,12 @@ def study(name: str, level: int):
     if name.startswith("run"):
         mesh, sphere = rough_sphere(level, 2)
         x = sphere * jnp.array([[1.0, 1.15, 1.35]])
+        if name == "run-phases":
+            return two_phase_run_sensitivity(mesh, x), None
         return run_sensitivity(mesh, x, 2, kind=name.removeprefix("run-")), None
+    if name == "phases":
+        mesh, x = jw.mesh.ellipsoid((0.712, 0.712, 1.677), level, degree=2)
+        return two_phase_sensitivity(mesh, x), None
     mesh, x = jw.equilibria.spheroid(0.8, "prolate", level=level)
     shape = jw.equilibria.equilibrium(
         mesh, 3.0 * x, reduced_volume=0.8, bending_modulus=0.7, stability=False

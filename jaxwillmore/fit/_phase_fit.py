@@ -231,7 +231,8 @@ def _equilibrium(build: Build, values, model: Equilibrium, x, c) -> Equilibrium:
     own = model.parameters
     ball = float(own.area) ** 1.5 / (6 * np.sqrt(np.pi))
     volume = float(inside.pop(REDUCED_VOLUME)) * ball if REDUCED_VOLUME in inside else own.volume
-    amount = float(inside.pop(MEAN) * own.area) if MEAN in inside else own.amount
+    assert own.amount is not None
+    amount = inside.pop(MEAN) * own.area if MEAN in inside else own.amount
     held: dict[str, Any] = {"area": float(own.area)} if model.fixed_area else {"area": None}
     if model.fixed_volume:
         held["volume"] = float(volume)
@@ -273,10 +274,10 @@ def _placed(residuals: PhaseResiduals, target: Target, u) -> PhaseResiduals:
     shape = residuals.model.equilibrium
     size = float(target.radius / area_radius(shape.mesh, shape.x))
     own, there = node_weights(shape.mesh, shape.x), node_weights(target.mesh, target.x)
-    arrays = [np.asarray(a) for a in (shape.x, own, target.x, there)]
-    centre, to = (jnp.asarray(w @ p / w.sum()) for p, w in (arrays[:2], arrays[2:]))
-    as_it_is = Pose(jnp.eye(3), to - size * centre, jnp.asarray(size))
-    poses = [as_it_is, *aligned(*arrays, size)]
+    x, points, own, there = (np.asarray(a) for a in (shape.x, target.x, own, there))
+    shift = there @ points / there.sum() - size * own @ x / own.sum()
+    as_it_is = Pose(jnp.eye(3), jnp.asarray(shift), jnp.asarray(size))
+    poses = [as_it_is, *aligned(x, own, points, there, size)]
     moved = [eqx.tree_at(lambda r: r.model.pose, residuals, pose) for pose in poses]
     return moved[int(np.argmin([float(_apart(r, u)) for r in moved]))]
 

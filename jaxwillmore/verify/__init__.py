@@ -43,6 +43,10 @@ from ._orders import (
     orders_in_space as orders_in_space,
     with_orders as with_orders,
 )
+from ._phase_sensitivities import (
+    two_phase_run_sensitivity as two_phase_run_sensitivity,
+    two_phase_sensitivity as two_phase_sensitivity,
+)
 from ._problems import (
     Problem as Problem,
     ellipsoid_problem as ellipsoid_problem,

@@ -145,18 +145,18 @@ def shape_outputs(mesh: SurfaceMesh, x: Nodes, points: Float[Array, "points 3"])
     }
 
 
-def _points(mesh: SurfaceMesh, x: Nodes) -> Float[Array, "points 3"]:
+def sample_points(mesh: SurfaceMesh, x: Nodes) -> Float[Array, "points 3"]:
     """Targets around the surface, over the inside of every third cell."""
     middles = jnp.mean(x[mesh.cells[::3]], axis=1)
     return middles * jnp.linspace(0.9, 1.3, middles.shape[0])[:, None]
 
 
-def _bump(x: Nodes) -> Nodes:
+def bump(x: Nodes) -> Nodes:
     """A change of shape that no symmetry makes vanish."""
     return jnp.sin(x @ jnp.array([[0.3, 1.1, 0.2], [-0.7, 0.4, 0.9], [0.5, -0.2, 0.8]]) + 0.4)
 
 
-def _waves(x: Nodes) -> Float[Array, "nodes 3"]:
+def waves_on(x: Nodes) -> Float[Array, "nodes 3"]:
     """Three patterns on the nodes, of order one."""
     return jnp.cos(x @ jnp.array([[0.9, -0.4, 0.7], [0.2, 1.2, -0.6], [-0.8, 0.5, 1.0]]) - 0.3)
 
@@ -190,7 +190,7 @@ def run_sensitivity(
         own, largest = {"b_b": 0.2, "H0": 0.3, "b_k": 0.2}, {"b_b": 0.06, "H0": 0.1, "b_k": 0.1}
     else:
         raise ValueError(f"`kind` must be 'loaded', 'held' or 'fields'; got {kind!r}.")
-    points, waves = _points(mesh, x), _waves(x)
+    points, waves = sample_points(mesh, x), waves_on(x)
 
     def flow(p):
         if kind == "fields":
@@ -210,7 +210,7 @@ def run_sensitivity(
 
     def end(p):
         times = p["tau"] * jnp.arange(n_steps + 1.0)
-        x0 = x + p["shape"] * _bump(x)
+        x0 = x + p["shape"] * bump(x)
         run = replay(flow(p), mesh, x0, times, stepper=stepper)
         outputs = shape_outputs(mesh, run.x[-1], points)
         if kind == "held":
@@ -248,7 +248,7 @@ def equilibrium_sensitivity(shape: Equilibrium, *, held: bool = True) -> Sensiti
     constants = dict(zip(("n", "c_out", "T"), _osmotic(p), strict=False))
     at |= constants
     steps |= {name: 0.003 * float(value) for name, value in constants.items()}
-    points = _points(shape.mesh, shape.x)
+    points = sample_points(shape.mesh, shape.x)
 
     def found(q: Mapping[str, Array]):
         p = shape.parameters
