@@ -182,6 +182,8 @@ def _computed(args: argparse.Namespace, command: Any, compute: Any, closing: Any
         print(closing(run.summary))
         for found in run.summary["health"]:
             print(f"warning: {found['kind']}: {found['message']}")
+        for note in run.summary.get("notes", ()):
+            print(f"note: {note}")
         print(f"written to {run.folder}")
     status = run.summary["status"]
     if status == "interrupted":
@@ -325,11 +327,22 @@ def _progress_words(record: dict[str, Any]) -> str:
 
 
 def _flow_closing(summary: dict[str, Any]) -> str:
+    energy, phase = f"half of the integral of H^2: {summary['willmore']:.8g}", ""
+    if summary.get("phase"):
+        energy, phase = f"energy {summary['energy']:.8g}", f"\n{_phase_words(summary['phase'])}"
     return (
         f"{summary['status']} at t = {summary['t']:.6g} after {summary['steps']} steps "
         f"({summary['rejected_steps']} rejected, {summary['wall_seconds']:.1f} s)\n"
-        f"half of the integral of H^2: {summary['willmore']:.8g}, area {summary['area']:.6g}, "
-        f"volume {summary['volume']:.6g}, reduced volume {summary['reduced_volume']:.6f}"
+        f"{energy}, area {summary['area']:.6g}, "
+        f"volume {summary['volume']:.6g}, reduced volume {summary['reduced_volume']:.6f}{phase}"
+    )
+
+
+def _phase_words(phase: dict[str, Any]) -> str:
+    return (
+        f"concentration from {phase['smallest']:.4g} to {phase['largest']:.4g}, mean "
+        f"{phase['mean']:.6g}, {phase['domains']} domains with c > 1/2, length of c = 1/2 "
+        f"{phase['interface_length']:.6g}"
     )
 
 
@@ -353,10 +366,13 @@ def _branch_closing(summary: dict[str, Any]) -> str:
 def _shape_words(summary: dict[str, Any]) -> str:
     negative, of = summary["negative_directions"], summary["multipliers"]
     stable = "stability not known" if negative is None else f"{negative} negative directions"
+    energy, phase = f"E/8πκ {summary['bending_over_8pi_kappa']:.8g}", ""
+    if summary.get("phase"):
+        energy, phase = f"energy {summary['energy']:.8g}", f"\n{_phase_words(summary['phase'])}"
     return (
-        f"E/8πκ {summary['bending_over_8pi_kappa']:.8g}, reduced volume "
+        f"{energy}, reduced volume "
         f"{summary['reduced_volume']:.6f}, {stable}, tension {of['tension']:.6g}, "
-        f"pressure {of['pressure']:.6g}"
+        f"pressure {of['pressure']:.6g}{phase}"
     )
 
 

@@ -18,11 +18,13 @@ from ._equilibrium import (
     draw_shape,
     equilibrium_of,
     measures_of_start,
+    notes_of,
     wanted_of,
     write_shape,
 )
 from ._error import CaseError
 from ._output import Existing, ending, fields_of, open_folder, pictures
+from ._sections import OF_PHASES
 from ._start import starting_surface
 from ._summary import end_of_equilibrium, health_of, provenance, warnings_of
 
@@ -95,6 +97,7 @@ def run_branch(
                 {"point": number, **health_of([warning])[0]}
                 for number, warning in recorder.health.values()
             ],
+            "notes": notes_of(case),
             **provenance(time.perf_counter() - began),
         }
         folder.write_summary(summary)
@@ -164,6 +167,12 @@ def _check_branch(case: Case) -> None:
     held = case.constraints
     holds_volume = held.volume is not None or held.reduced_volume is not None
     name = case.branch.parameter
+    if name in OF_PHASES and (case.phase is None or case.phase.well != "quartic"):
+        problem = 'is for two phases with well = "quartic": see [phase].'
+        raise CaseError(problem, section="branch", key="parameter", got=name)
+    if name == "spontaneous_curvature" and case.phase is not None:
+        problem = f"is for one phase; with [phase] there are {', '.join(OF_PHASES)}."
+        raise CaseError(problem, section="branch", key="parameter", got=name)
     if name == "reduced_volume" and not (holds_volume and held.area is not None):
         problem = '"reduced_volume" needs area and volume held: see [constraints].'
         raise CaseError(problem, section="branch", key="parameter", got=name)
@@ -174,11 +183,19 @@ def _check_branch(case: Case) -> None:
 
 def _draw(folder: RunFolder, parameter: str, recorder: _Recorder, events, status: str) -> None:
     points = recorder.points
-    surfaces = [(shape.mesh, shape.x, fields_of(shape)["H"]) for shape in points]
+    field = "H" if points[0].c is None else "c"
+    surfaces = [(shape.mesh, shape.x, fields_of(shape)[field]) for shape in points]
     title = f"{len(points)} equilibria, {status.replace('_', ' ')}"
     if status != _DONE:
         last = recorder.rows[-1]
         title += f" at {parameter.replace('_', ' ')} = {last[parameter]:.4g}"
     branch_picture(
-        folder.file("branch.png"), recorder.rows, surfaces, parameter, events=events, title=title
+        folder.file("branch.png"),
+        recorder.rows,
+        surfaces,
+        parameter,
+        energy="bending_over_8pi_kappa" if field == "H" else "total_energy",
+        field_name=field,
+        events=events,
+        title=title,
     )

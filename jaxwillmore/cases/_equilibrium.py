@@ -87,6 +87,7 @@ def run_equilibrium(
             "newton_iterations": shape.stats["newton_iterations"],
             **end_of_equilibrium(case, shape, fields["H"], measures_of_start(case, start)),
             "health": health_of(found),
+            "notes": notes_of(case),
             **provenance(time.perf_counter() - began),
         }
         folder.write_summary(summary)
@@ -155,6 +156,16 @@ def check_equilibrium(case: Case) -> None:
             "that depends on them."
         )
         raise CaseError(problem, section="constraints")
+
+
+def notes_of(case: Case) -> list[str]:
+    """What of a case plays no part in an equilibrium, one sentence each."""
+    if case.phase is None:
+        return []
+    return [
+        "An equilibrium has no kinetics: law, mobility, degenerate and hold_amount of [phase] play "
+        "no part, and its amount is held."
+    ]
 
 
 def _holds_volume(case: Case) -> bool:

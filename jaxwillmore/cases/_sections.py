@@ -200,6 +200,10 @@ class OutputCase:
         return self
 
 
+OF_PHASES = ("mean", "line_tension", "interface_width")
+BRANCH_PARAMETERS = ("reduced_volume", "spontaneous_curvature", "pressure", *OF_PHASES)
+
+
 @typing.no_type_check
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class BranchCase:
@@ -208,7 +212,7 @@ class BranchCase:
     name: ClassVar[str] = "branch"
 
     parameter: str = declare(
-        choice("what is followed", "reduced_volume", "spontaneous_curvature", "pressure"),
+        choice("what is followed; the last three with [phase]", *BRANCH_PARAMETERS),
         "reduced_volume",
     )
     stop: float = declare(number("where the branch ends, in the unit of the parameter"))
@@ -226,6 +230,10 @@ class BranchCase:
         check_keys(self)
         if self.parameter == "reduced_volume" and not 0 < self.stop <= 1:
             raise refused(self.name, "stop", self.stop, "a reduced volume: > 0 and <= 1")
+        if self.parameter == "mean" and not 0 < self.stop < 1:
+            raise refused(self.name, "stop", self.stop, "a mean concentration: > 0 and < 1")
+        if self.parameter in OF_PHASES and not self.stop > 0:
+            raise refused(self.name, "stop", self.stop, f"a {self.parameter}: > 0")
         for name in ("step0", "max_step"):
             larger = getattr(self, name)
             if self.min_step is not None and larger is not None and self.min_step > larger:

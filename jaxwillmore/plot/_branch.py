@@ -15,6 +15,11 @@ _LABELS = {
     "reduced_volume": "reduced volume v",
     "spontaneous_curvature": "spontaneous curvature H₀",
     "pressure": "pressure P",
+    "mean": "mean concentration",
+    "line_tension": "line tension λ",
+    "interface_width": "interface width ℓ",
+    "bending_over_8pi_kappa": "E / 8πκ",
+    "total_energy": "energy E",
 }
 _MOST_SHAPES = 6
 
@@ -25,21 +30,24 @@ def branch_picture(
     surfaces: Sequence[tuple[Any, Any, Any]],
     parameter: str,
     *,
+    energy: str = "bending_over_8pi_kappa",
+    field_name: str = "H",
     events: Sequence[tuple[int, str]] = (),
     title: str | None = None,
     renderer: str = "auto",
     dpi: float = 130.0,
 ) -> None:
-    """Draw a branch of equilibria into a PNG file: E/(8πκ) over the parameter that was followed.
+    """Draw a branch of equilibria into a PNG file: its energy over the parameter that was followed.
 
-    Above the curve stand up to six of its shapes at one scale, coloured by their mean curvature.
-    Stable points are filled, unstable ones open. Folds are marked.
+    Above the curve stand up to six of its shapes at one scale, coloured by a field. Stable points
+    are filled, unstable ones open. Folds are marked.
 
     **Arguments:**
 
-    - `rows`: one dictionary per point with the parameter, `bending_over_8pi_kappa` and
-      `negative_directions`.
-    - `surfaces`: mesh, nodes and mean curvature of every point.
+    - `rows`: one dictionary per point with the parameter, the energy and `negative_directions`.
+    - `surfaces`: mesh, nodes and a nodal field of every point.
+    - `energy`: the column that is drawn, E/(8πκ) by default.
+    - `field_name`: what the nodal field is, `"H"` or `"c"`.
     - `events`: point number and what happened there.
 
     **Raises:** `PlotError` when there are no points, matplotlib is missing, or the file cannot be
@@ -48,33 +56,31 @@ def branch_picture(
     if not rows or len(rows) != len(surfaces):
         raise PlotError(f"a branch needs a surface per row; got {len(surfaces)} for {len(rows)}.")
     p = np.array([float(row[parameter]) for row in rows])
-    energy = np.array([float(row["bending_over_8pi_kappa"]) for row in rows])
+    E = np.array([float(row[energy]) for row in rows])
     negative = np.array([float(row["negative_directions"]) for row in rows])
     figure = matplotlib_figure(10.0, 7.4)
     axes = figure.add_axes((0.095, 0.1, 0.875, 0.56))
-    axes.plot(p, energy, color=_BLUE, lw=1.6, zorder=2)
+    axes.plot(p, E, color=_BLUE, lw=1.6, zorder=2)
     for chosen, face, label in (
         (negative == 0, _BLUE, "stable"),
         (negative > 0, "white", "unstable"),
         (~np.isfinite(negative), _GREY, "stability not known"),
     ):
         if np.any(chosen):
-            axes.plot(
-                p[chosen], energy[chosen], "o", ms=6.5, mfc=face, mec=_BLUE, label=label, zorder=3
-            )
+            axes.plot(p[chosen], E[chosen], "o", ms=6.5, mfc=face, mec=_BLUE, label=label, zorder=3)
     folds = [number for number, event in events if event == "fold"]
     if folds:
-        axes.plot(p[folds], energy[folds], "D", ms=11, mfc="none", mec=_ORANGE, label="fold")
-    _style(axes, parameter)
-    _thumbnails(figure, axes, p, energy, surfaces, renderer, dpi)
+        axes.plot(p[folds], E[folds], "D", ms=11, mfc="none", mec=_ORANGE, label="fold")
+    _style(axes, _LABELS.get(parameter, parameter), _LABELS.get(energy, energy))
+    _thumbnails(figure, axes, p, E, surfaces, field_name, renderer, dpi)
     if title is not None:
         figure.suptitle(title, size=14, color=_INK, y=0.975)
     save(figure, path, dpi)
 
 
-def _style(axes, parameter: str) -> None:
-    axes.set_xlabel(_LABELS.get(parameter, parameter), size=13, color=_INK)
-    axes.set_ylabel("E / 8πκ", size=13, color=_INK)
+def _style(axes, across: str, up: str) -> None:
+    axes.set_xlabel(across, size=13, color=_INK)
+    axes.set_ylabel(up, size=13, color=_INK)
     axes.tick_params(labelsize=11, color=_GREY, labelcolor=_INK)
     axes.grid(True, color="#e3e7ec", lw=0.8)
     axes.set_axisbelow(True)
@@ -86,12 +92,12 @@ def _style(axes, parameter: str) -> None:
     axes.legend(fontsize=11, frameon=False, labelcolor=_INK, loc="best")
 
 
-def _thumbnails(figure, axes, p, energy, surfaces, renderer: str, dpi: float) -> None:
+def _thumbnails(figure, axes, p, energy, surfaces, name, renderer: str, dpi: float) -> None:
     """Shapes in a row above the axes, each tied to its point by a thin line."""
     chosen = _spread(p, energy, min(_MOST_SHAPES, len(p)))
     chosen = chosen[np.argsort(p[chosen], kind="stable")]
     fine = [fine_surface(*surfaces[k]) for k in chosen]
-    scale = scale_of([s.values for s in fine if s.values is not None], "H", None)
+    scale = scale_of([s.values for s in fine if s.values is not None], name, None)
     camera = camera_for([surface.points for surface in fine])
     width = 0.875 / max(len(chosen), 3)
     pixels = round(width * 10.0 * dpi)

@@ -27,6 +27,12 @@ class _Columns:
     def __contains__(self, name: str) -> bool:
         return bool(np.any(np.isfinite(self[name])))
 
+    @property
+    def at_rest(self) -> bool:
+        """Whether only a concentration changes, on a surface that does not."""
+        sizes = [self[name] for name in ("area", "willmore") if name in self]
+        return "phase_mean" in self and bool(sizes) and all(np.ptp(y) == 0 for y in sizes)
+
 
 def _style(axes, ylabel: str) -> None:
     axes.set_ylabel(ylabel, size=12, color=_INK)
@@ -77,7 +83,11 @@ def _energy(axes, data: _Columns, reference: dict[str, float]) -> None:
     _curve(axes, data.t, energy, _BLUE, "energy")
     other = data["willmore"]
     shown = [energy]
-    if "willmore" in data and not np.allclose(other, energy, rtol=0.02, equal_nan=True):
+    if (
+        "willmore" in data
+        and not data.at_rest
+        and not np.allclose(other, energy, rtol=0.02, equal_nan=True)
+    ):
         _curve(axes, data.t, other, _ORANGE, "½∫H² from x", "--")
         shown.append(other)
     for name, value in reference.items():
@@ -249,8 +259,8 @@ def history_picture(
 
     Energy; its distance from a reference value; area, volume and reduced volume; step size with
     Newton iterations; angles of the elements; defects of the normal field; parts of the energy,
-    interfaces and extremes of a concentration. Panels whose numbers
-    are not in the rows are left out.
+    interfaces and extremes of a concentration. Panels whose numbers are not in the rows are left
+    out, and those of geometry and bending where the surface is at rest.
 
     **Arguments:**
 
@@ -264,7 +274,7 @@ def history_picture(
     data = _Columns(rows)
     if "t" not in data:
         raise PlotError("the history has no steps; there is nothing to draw.")
-    reference = reference or {}
+    reference = {} if reference is None or data.at_rest else reference
     panels = [
         (_energy, ("energy",), (data, reference)),
         (_excess, ("willmore", "willmore_of_field"), (data, reference)),
@@ -276,7 +286,12 @@ def history_picture(
         (_domains, ("phase_interface_length",), (data,)),
         (_extremes, ("phase_mean",), (data,)),
     ]
-    panels = [(draw, inputs) for draw, names, inputs in panels if any(n in data for n in names)]
+    panels = [
+        (draw, inputs)
+        for draw, names, inputs in panels
+        if any(name in data for name in names)
+        and not (data.at_rest and draw in (_excess, _measures, _angles, _normals, _parts))
+    ]
     if not panels:
         raise PlotError("the history has none of the columns that are drawn.")
     n_lines = -(-len(panels) // 2)

@@ -47,6 +47,15 @@ def test_missing_columns_leave_out_panels(tmp_path):
     assert shape(tmp_path / "few.png")[0] < 0.5 * shape(tmp_path / "all.png")[0]
 
 
+def test_a_surface_at_rest_needs_no_panels_of_its_geometry(tmp_path):
+    phase = {"phase_mean": 0.4, "phase_smallest": 0.0, "phase_largest": 1.0}
+    moving = [row | phase for row in rows()]
+    still = [row | {"area": 1.0, "willmore": 20.0} for row in moving]
+    history_picture(tmp_path / "moving.png", moving, dpi=50.0)
+    history_picture(tmp_path / "still.png", still, dpi=50.0)
+    assert shape(tmp_path / "still.png")[0] < 0.7 * shape(tmp_path / "moving.png")[0]
+
+
 @pytest.mark.parametrize(
     "data",
     [
