@@ -194,14 +194,13 @@ def test_a_branch_follows_a_parameter_of_the_phases(tmp_path):
     with open(run.folder / "branch.csv", newline="") as file:
         rows = list(csv.DictReader(file))
     assert float(rows[-1]["mean"]) == pytest.approx(0.51, rel=1e-9)
-    # dE = mu dM along the branch; every point has a reference of its own, with an error of 42 nodes.
+    # dE = mu dM along the branch; every point has its own reference, with an error of 42 nodes.
     E, mu, mean = (
         np.array([float(row[n]) for row in rows])
         for n in ("total_energy", "chemical_potential", "mean")
     )
     work = run.points[0].parameters.area * np.trapezoid(mu, mean)
     assert E[-1] - E[0] == pytest.approx(float(work), rel=2e-2)
-    assert (run.folder / "branch.png").stat().st_size > 10_000
 
 
 @pytest.mark.parametrize(

@@ -9,7 +9,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
-from ..fem import Jet, Rule, gather, point, trace
+from ..fem import EnergyForm, Jet, Layout, Rule, gather, point, trace
 from ..mesh import SurfaceMesh
 from ._parameters import Parameters, moduli, phases_of
 
@@ -53,32 +53,12 @@ def density(
     return here.dA * (bending + work)
 
 
-def second_derivatives(P: Float[Array, "fields 3"], p: Parameters, g: Float[Array, " globals"]):
-    r"""Second derivatives of `density` at one quadrature point.
+def _of_all(P, args) -> Float[Array, ""]:
+    return density(P, *args)
 
-    Only the two tangents and the jet of $c$ are differentiated twice: `density` is linear in the
-    position and, but for $-|y|^2/2\kappa$, in the jet of $y$.
 
-    **Returns:** the derivative of the gradient by the jet of $x$, of shape `(fields, 3, 3, 3)`;
-    that by the jet of $c$, of shape `(fields, 3, 3)`, or `None`; and the one number on the diagonal
-    of the derivative by the value of $y$ twice.
-    """
-
-    def gradient(J, c):
-        jets = [jnp.concatenate([P[:3, :1], J], axis=1), P[3:6]]
-        jets += [] if c is None else [c[None]]
-        return jax.grad(density)(jnp.concatenate(jets), p, g)
-
-    J, c = P[:3, 1:], None if p.two_phase is None else P[6]
-    by_J, by_c = jax.jacfwd(gradient, argnums=0)(J, c), None
-    if c is not None:
-        by_c = jax.jacfwd(gradient, argnums=1)(J, c)
-    of_position = jnp.moveaxis(by_J[:3, 0], 0, -1)  # by a tangent and the position
-    by_position = jnp.concatenate([jnp.zeros((3, 1, 3)), of_position], axis=1)
-    by_position = jnp.concatenate([by_position, jnp.zeros((len(P) - 3, 3, 3))])
-    by_x = jnp.concatenate([by_position[..., None], by_J], axis=3)
-    kappa, _ = moduli(p, None if c is None else c[0])
-    return by_x, by_c, -jnp.linalg.norm(jnp.cross(J[:, 0], J[:, 1])) / kappa
+ONE_PHASE = EnergyForm(_of_all, Layout(("x", "y"), (3, 3)))
+TWO_PHASES = EnergyForm(_of_all, Layout(("x", "y", "c"), (3, 3, 1)))
 
 
 def integral(mesh: SurfaceMesh, rule: Rule, fields, p: Parameters, g) -> Float[Array, ""]:

@@ -22,7 +22,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float
 
-from ..fem import gather
+from ..fem import gather, planned_cell_jacobians
 from ..linalg import (
     AbstractSparseSystem,
     Border,
@@ -31,22 +31,21 @@ from ..linalg import (
 )
 from ._density import (
     CURVATURE,
+    ONE_PHASE,
     PATH,
     POTENTIAL,
     PRESSURE,
     RIGID,
     TENSION,
+    TWO_PHASES,
     area_and_volume,
     integral,
     mixing,
-    second_derivatives,
 )
 from ._frozen import Path as Path, Reference as Reference
 from ._parameters import Parameters, Scaled, phases_of
 from ._phases import gaussian_second_derivatives
 
-# Cells differentiated together; small batches stay in cache (measured in `fem`).
-CELL_BATCH = 16
 # Softness of the six rigid constraints: a shape that feels a discrete torque may turn a little.
 RIGID_SOFTNESS = 1e-3
 # A change of the concentration counts as this many times as long a displacement.
@@ -241,30 +240,13 @@ class EquilibriumSystem(AbstractSparseSystem):
         """Second derivative of L by the nodal unknowns."""
         s, fields, g = self.unpack(y)
         r, p = self.reference, self.at(g[PATH])
-        pairs = jnp.einsum("q,qmi,qnj->qijmn", r.rule.weights, r.rule.phi, r.rule.phi)
-
-        def cell(inputs):
-            fields, n_T = inputs
-            P = jnp.einsum("mf,qmi->qfi", fields, r.rule.phi)
-            by_x, by_c, by_y = jax.vmap(lambda P: second_derivatives(P, p, g))(P)
-            of_x = jnp.einsum("qfigj,qijmn->mnfg", by_x, pairs)
-            # Nodes move along their normals only.
-            s_s = jnp.einsum("mf,mnfg,ng->mn", n_T, of_x[:, :, :3], n_T)
-            y_s = jnp.einsum("mnfg,ng->mnf", of_x[:, :, 3:6], n_T)
-            y_y = jnp.einsum("q,qmn,fg->mnfg", by_y, pairs[:, 0, 0], jnp.eye(3))
-            rows = [[s_s[..., None, None], _mirrored(y_s)], [y_s[..., None], y_y]]
-            if by_c is not None:
-                of_c = jnp.einsum("qfij,qijmn->mnf", by_c[:, 3:], pairs)[..., None]
-                c_s = jnp.einsum("mng,ng->mn", of_x[:, :, 6], n_T)[..., None, None]
-                y_c, c_c = of_c[:, :, :3], of_c[:, :, 3:]
-                rows[0].append(c_s.swapaxes(0, 1))
-                rows[1].append(y_c)
-                rows.append([c_s, _mirrored(y_c[..., 0]), c_c])
-            return jnp.concatenate([jnp.concatenate(row, axis=3) for row in rows], axis=2)
-
-        x = r.positions(s)
-        cells = gather(r.mesh, jnp.concatenate([x, fields], axis=1)), gather(r.mesh, r.n)
-        local = jax.lax.map(cell, cells, batch_size=CELL_BATCH)
+        x, form = r.positions(s), TWO_PHASES if self.has_phases else ONE_PHASE
+        U = jnp.concatenate([x, fields], axis=1)
+        by_all = planned_cell_jacobians(form, r.mesh, r.rule, x, U, x[:, :0], (p, g))
+        # Nodes move along their normals only.
+        along = jnp.zeros((len(s), form.trial.width, self.n_fields)).at[:, :3, 0].set(r.n)
+        along = gather(r.mesh, along.at[:, 3:, 1:].set(jnp.eye(self.n_fields - 1)[None]))
+        local = jnp.einsum("tmfa,tmnfg,tngb->tmnab", along, by_all, along)
         c_c = jnp.zeros(len(s))
         if self.has_phases and phases_of(p).is_gaussian:
             gaussian = gaussian_second_derivatives(phases_of(p), r.mesh, x, r.n, fields[:, 3])
@@ -307,8 +289,3 @@ class EquilibriumSystem(AbstractSparseSystem):
         corner = corner.at[RIGID, RIGID].set(-RIGID_SOFTNESS * jnp.eye(6))
         corner = corner.at[PATH, PATH].set(self.path.weight)
         return SparseOperator(self.blocks(y), self.pattern, Border(columns, rows, corner))
-
-
-def _mirrored(y_s):
-    """The blocks of y and a scalar, of a cell, with equation and unknown exchanged."""
-    return y_s.swapaxes(0, 1)[..., None, :]

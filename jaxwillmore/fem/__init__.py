@@ -1,6 +1,11 @@
 """Finite elements on a surface: from an integrand at one point to vectors, matrices and numbers."""
 
-from ._assemble import Form as Form, cell_jacobians as cell_jacobians, residual as residual
+from ._assemble import (
+    EnergyForm as EnergyForm,
+    Form as Form,
+    cell_jacobians as cell_jacobians,
+    residual as residual,
+)
 from ._flux_plan import dependence as dependence
 from ._host_jacobian import HostJacobian as HostJacobian
 from ._integrate import (

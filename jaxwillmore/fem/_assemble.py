@@ -60,8 +60,36 @@ class Form(eqx.Module):
         return jax.grad(tested)(jnp.zeros_like(P))
 
 
+class EnergyForm(eqx.Module):
+    """The derivative of an integral by the nodal fields it depends on, nodes among them or not.
+
+    Has what a `Form` has; its Jacobian is the second derivative of the integral.
+
+    **Arguments:**
+
+    - `density`: `(P, args) -> scalar`, the integrand times the area element, for values and two
+      reference derivatives of the fields, of shape `(fields, 3)`.
+    - `trial`: layout of the fields.
+    """
+
+    density: Callable = eqx.field(static=True)
+    trial: Layout
+    frozen: Layout = Layout((), ())
+
+    def flux(
+        self,
+        P: Float[Array, "trial 3"],
+        X: Float[Array, "3 3"],
+        Z: Float[Array, "0 3"],
+        args: Any,
+    ) -> Float[Array, "trial 3"]:
+        """Derivative of the density by the jets `P`."""
+        del X, Z
+        return jax.grad(self.density)(P, args)
+
+
 def residual(
-    form: Form,
+    form: Form | EnergyForm,
     mesh: SurfaceMesh,
     rule: Rule,
     x: Float[Array, "nodes 3"],
@@ -82,7 +110,7 @@ def residual(
 
 
 def cell_jacobians(
-    form: Form,
+    form: Form | EnergyForm,
     mesh: SurfaceMesh,
     rule: Rule,
     x: Float[Array, "nodes 3"],

@@ -10,7 +10,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float
 
-from ._assemble import Form
+from ._assemble import EnergyForm, Form
 from ._bundle_program import BundleProgram
 from ._elimination import eliminate
 from ._expand import expand, is_small
@@ -96,7 +96,7 @@ class FluxPlan:
 ARRAY = object
 
 
-def plan_key(form: Form, args: Any, moving: bool) -> tuple:
+def plan_key(form: Form | EnergyForm, args: Any, moving: bool) -> tuple:
     """All that a plan depends on: everything but the values of arrays.
 
     The same functions with arrays of the same shapes have one key; a function made anew has
@@ -122,12 +122,12 @@ def _kept_plan(treedef, static, arrays, moving) -> FluxPlan:
     return FluxPlan(treedef, static, arrays, moving)
 
 
-def small_arrays(form: Form, args: Any) -> list:
+def small_arrays(form: Form | EnergyForm, args: Any) -> list:
     """The arrays whose entries are inputs of a plan, in their order."""
     return [a for a in jax.tree.leaves((form, args)) if _is_array(a) and is_small(a)]
 
 
-def parameters(form: Form, args: Any) -> Float[np.ndarray, " parameters"]:
+def parameters(form: Form | EnergyForm, args: Any) -> Float[np.ndarray, " parameters"]:
     """The inputs of a plan that are the same at all points."""
     arrays = (np.asarray(a, float).ravel() for a in small_arrays(form, args))
     return np.concatenate([np.zeros(0), *arrays])

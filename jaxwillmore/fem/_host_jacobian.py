@@ -12,7 +12,7 @@ import numpy as np
 import scipy.sparse as sp
 from jaxtyping import Bool, Float, Int
 
-from ._assemble import Form
+from ._assemble import EnergyForm, Form
 from ._flux_plan import flux_plan, parameters, plan_key
 from ._space import Rule
 
@@ -45,7 +45,7 @@ class HostJacobian:
 
     def __init__(
         self,
-        form: Form,
+        form: Form | EnergyForm,
         cells: Int[np.ndarray, "cells local"],
         rule: Rule,
         blocks: Int[np.ndarray, "cells local local"],

@@ -8,7 +8,7 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from ..mesh import SurfaceMesh
-from ._assemble import Form, cell_jacobians
+from ._assemble import EnergyForm, Form, cell_jacobians
 from ._flux_plan import FluxPlan, flux_plan, plan_key, small_arrays
 from ._scalar_graph import Unsupported
 from ._space import Rule
@@ -18,7 +18,7 @@ POINTS_AT_ONCE = 256
 
 
 def planned_cell_jacobians(
-    form: Form,
+    form: Form | EnergyForm,
     mesh: SurfaceMesh,
     rule: Rule,
     x: Float[Array, "nodes 3"],

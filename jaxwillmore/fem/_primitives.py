@@ -46,6 +46,8 @@ def applied(g: Graph, equation, inputs: list[Vertices]) -> list[Vertices]:
     if equation.primitive.name == "split":
         ends = np.cumsum(equation.params["sizes"])[:-1]
         return np.split(inputs[0], ends, equation.params["axis"])
+    if equation.primitive.name == "unstack":
+        return list(np.moveaxis(inputs[0], equation.params["axis"], 0))
     out = np.asarray(_single(g, equation, equation.primitive.name, equation.params, inputs))
     dtype = equation.outvars[0].aval.dtype
     if jnp.issubdtype(dtype, jnp.integer):

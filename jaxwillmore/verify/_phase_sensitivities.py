@@ -49,8 +49,8 @@ def two_phase_run_sensitivity(mesh: SurfaceMesh, x: Nodes, n_steps: int = 2) -> 
 
     def flow(p, x):
         kinetics = CahnHilliard(p["mobility"])
-        held = {"area": area(mesh, x), "volume": volume(mesh, x)}
-        return gradient_flow(_two_phase_energy(p), phase=kinetics, **held)
+        A, V = area(mesh, x), volume(mesh, x)
+        return gradient_flow(_two_phase_energy(p), phase=kinetics, area=A, volume=V)
 
     stepper = Stepper(flow(start, x), mesh, newton_tolerance=1e-12, max_newton=40)
 

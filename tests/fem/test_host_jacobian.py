@@ -10,6 +10,7 @@ import pytest
 from jaxtyping import Array, Float
 
 from jaxwillmore.fem import (
+    EnergyForm,
     Form,
     HostJacobian,
     Layout,
@@ -241,3 +242,27 @@ def test_a_large_field_that_is_not_read_costs_nothing(case, forward_mode):
     jacobian = made(case, law)
     assert len(jacobian._plan.graph.operations) < 10_000
     assert_same(jacobian(x, U, Z, law), forward_mode(FORM, x, U, Z, law, None))
+
+
+def stretched(P, args):
+    """A density with a cross product, a norm and unstacked components."""
+    normal = jnp.cross(P[:3, 1], P[:3, 2])
+    a, b, c = P[3:6, 0]
+    return args["k"] * jnp.sqrt(jnp.sum(normal**2)) * (a * b + c**3) + jnp.dot(P[:3, 0], P[3:6, 1])
+
+
+def test_second_derivatives_of_an_integral_have_a_plan_and_are_those_of_jax():
+    """Of the nodes and a vector field: symmetric, and equal in compiled functions and outside."""
+    mesh, x = icosphere(0, 2)
+    rule, pattern = rule_for(mesh, 4), block_pattern(mesh.cells, mesh.n_nodes)
+    form = EnergyForm(stretched, Layout(("x", "y"), (3, 3)))
+    U, args = jnp.concatenate([x, jnp.sin(2.0 * x) + 1.5], axis=1), {"k": jnp.asarray(0.7)}
+    given = form, mesh, rule, x, U, x[:, :0], args
+    expected = jax.jit(lambda U: cell_jacobians(*given[:4], U, *given[5:]))(U)
+    np.testing.assert_allclose(expected, expected.transpose(0, 2, 1, 4, 3), atol=1e-13)
+    planned = jax.jit(lambda U: planned_cell_jacobians(*given[:4], U, *given[5:]))(U)
+    np.testing.assert_allclose(planned, expected, atol=1e-13)
+    arrays = [np.asarray(a) for a in (x, U, x[:, :0])]
+    cells, blocks = np.asarray(mesh.cells), np.asarray(pattern.blocks)
+    host = HostJacobian(form, cells, rule, blocks, len(pattern.rows), args)
+    np.testing.assert_allclose(host(*arrays, args), scatter_blocks(pattern, expected), atol=1e-13)
