@@ -35,7 +35,7 @@ def test_a_line_through_noise_is_found():
         # Steps that keep the promise go on.
         (1e-6, 1e-3, 400, False),
         # Two tenths of a standard error from the minimum, whatever the steps bring.
-        (1e-9, 1e-2, 400, False),
+        (1e-9, 2e-2, 400, False),
     ],
 )
 def test_what_counts_as_a_crawl(falls, part, rows, ends):
