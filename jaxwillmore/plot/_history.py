@@ -235,10 +235,11 @@ def _normals(axes, data: _Columns) -> None:
     _legend(axes, loc="best")
 
 
-def _time_axis(figure_axes, t: np.ndarray) -> None:
-    """Logarithmic when most steps were taken in the first twentieth of the time."""
+def _time_axis(figure_axes, t: np.ndarray, coarsens: bool) -> None:
+    """Logarithmic when most steps were taken in the first twentieth of the time, or it coarsens."""
     later = t[t > 0]
-    early = len(later) > 3 and np.median(later) < 0.05 * later[-1] and later[0] < 0.01 * later[-1]
+    early = len(later) > 3 and later[0] < 0.01 * later[-1]
+    early = early and (coarsens or np.median(later) < 0.05 * later[-1])
     for axes in figure_axes:
         if early:
             axes.set_xscale("log")
@@ -303,7 +304,7 @@ def history_picture(
         draw(axes, *inputs)
     for axes in flat[len(panels) :]:
         axes.set_axis_off()
-    _time_axis(flat[: len(panels)], data.t)
+    _time_axis(flat[: len(panels)], data.t, "phase_mean" in data)
     for axes in flat[max(0, len(panels) - 2) : len(panels)]:
         axes.set_xlabel("time", size=12, color=_INK)
         axes.tick_params(labelbottom=True)
