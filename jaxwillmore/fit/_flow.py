@@ -12,21 +12,18 @@ from .._interrupts import catch_interrupts
 from ..evolve import Stepper
 from ..mesh import SurfaceMesh
 from ..surface import area_radius
+from ._conclusion import UNSEEN, concluded, start_of
 from ._descend import Descent, Iterate, descend
 from ._flow_fit import FlowFit
 from ._flow_residuals import Build, FlowResiduals, Schedule, schedule
 from ._parameters import AbstractRange, Positive, Unbounded
 from ._results import RESULTS, message, name_of
-from ._statistics import laplace
 from ._targets import Target, checked_surface, target
 
 # Distance in R0 that counts as one against the damping of the descent.
 RESOLUTION = 1e-2
 # A schedule is good for parameters that differ by this much from those it was made with.
 SAME_SCHEDULE = 0.02
-# A parameter whose change by its own size moves the surface by less than this part of R0 is not
-# seen, whatever the residuals are.
-UNSEEN = 1e-6
 MAX_STAGES = 6
 
 
@@ -81,14 +78,12 @@ def fit_flow(
     """
     began = time.perf_counter()
     seen_times = _checked_times(t0, times, observations)
-    if len(start) == 0:
-        raise ValueError("`start` is empty; name at least one parameter.")
     mesh, x0 = checked_surface(mesh, x0)
     targets = tuple(_checked(mesh, m, x) for m, x in observations)
     chosen = {n: Positive() if n.endswith("modulus") else Unbounded() for n in start}
     chosen |= {} if ranges is None else dict(ranges)
     spread = tuple(chosen[name] for name in start)
-    u = _start(start, spread)
+    u = start_of(start, spread)
     values = {name: float(value) for name, value in start.items()}
     with catch_interrupts() as interrupted:
         steps = schedule(build, mesh, x0, values, seen_times, rtol)
@@ -136,16 +131,6 @@ def _checked(start: SurfaceMesh, mesh, x) -> Target:
             "change that. Check the files, and their order."
         )
     return target(mesh, x)
-
-
-def _start(start: Mapping[str, float], ranges) -> Float[Array, " unknowns"]:
-    u = []
-    for (name, value), allowed in zip(start.items(), ranges, strict=True):
-        try:
-            u.append(allowed.unknown(float(value)))
-        except ValueError as error:
-            raise ValueError(f"Start of `{name}`: {error}") from None
-    return jnp.asarray(u)
 
 
 def _arrays(values: Mapping[str, float]) -> dict[str, Array]:
@@ -216,30 +201,26 @@ def _finished(
     fitter: _Fitter, descent: Descent, targets: tuple[Target, ...], noise, rank_tolerance, stats
 ) -> FlowFit:
     residuals, u = fitter.residuals, descent.u
-    result = RESULTS.stalled if descent.result is None else descent.result
-    values = {n: float(v) for n, v in residuals.values(u).items()}
-    r, J = descent.residuals, descent.jacobian
     lost = not fitter.history or not descent.solved
-    if lost:
-        r, J = np.zeros(len(r)), np.zeros(J.shape)
-    slopes = [float(eqx.filter_grad(q.value)(u[k])) for k, q in enumerate(residuals.ranges)]
-    found = laplace(
-        r,
-        J,
-        residuals.labels,
-        np.array(list(values.values())),
-        np.array(slopes),
+    end = concluded(
+        residuals,
+        descent,
+        lost,
+        UNSEEN / RESOLUTION,
         count=sum(t.count for t in targets),
         variance=None if noise is None else float((noise / residuals.unit) ** 2),
         rank_tolerance=rank_tolerance,
-        least=UNSEEN / RESOLUTION,
-        by_factors=tuple(isinstance(q, Positive) for q in residuals.ranges),
     )
-    if bool(result == RESULTS.converged):
-        if any(q.on_bound(v) for q, v in zip(residuals.ranges, values.values(), strict=True)):
-            result = RESULTS.on_bound
-        elif not all(found.identifiable.values()):
-            result = RESULTS.not_identifiable
-    rms = float("nan") if lost else float(np.linalg.norm(r)) * RESOLUTION
-    history = tuple(fitter.history)
-    return FlowFit(values, found, rms, residuals, u, J, targets, history, result, stats)
+    rms = float("nan") if lost else float(np.linalg.norm(end.residuals)) * RESOLUTION
+    return FlowFit(
+        end.parameters,
+        end.identification,
+        rms,
+        residuals,
+        u,
+        end.jacobian,
+        targets,
+        tuple(fitter.history),
+        end.result,
+        stats,
+    )

@@ -12,6 +12,7 @@ from ..evolve import RESULTS as ENDS, Stepper, Trajectory, evolve, replay
 from ..flows import AbstractLaw, System
 from ..mesh import SurfaceMesh
 from ..surface._distance import distance_to_cells
+from ._conclusion import values_of
 from ._descend import Aux
 from ._parameters import AbstractRange
 from ._results import RESULTS
@@ -47,8 +48,7 @@ class FlowResiduals(eqx.Module):
 
     def values(self, u: Float[Array, " unknowns"]) -> dict[str, Array]:
         """Parameters by name."""
-        each = zip(self.labels, self.ranges, strict=True)
-        return {name: allowed.value(u[k]) for k, (name, allowed) in enumerate(each)}
+        return values_of(self, u)
 
     def run(self, u: Float[Array, " unknowns"]) -> Trajectory:
         """The flow on its schedule."""

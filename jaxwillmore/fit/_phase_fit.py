@@ -5,14 +5,15 @@ import time
 from collections.abc import Callable, Mapping
 from typing import Any
 
-import equinox as eqx
+import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
 from .._interrupts import catch_interrupts
-from ..equilibria import Equilibrium
+from ..equilibria import Equilibrium, Resolved
 from ..mesh import SurfaceMesh
+from ._conclusion import UNSEEN, concluded, start_of
 from ._descend import Descent
 from ._identify import NO_SOLUTION, Identification
 from ._parameters import AbstractRange, Between, Positive, Unbounded
@@ -21,11 +22,8 @@ from ._phase_residuals import MEAN, REDUCED_VOLUME, Build, PhaseResiduals, obser
 from ._pose import Pose
 from ._results import RESULTS, message, name_of
 from ._shape_residuals import Model, bare
-from ._statistics import laplace
 from ._targets import checked_surface, target as prepared
 
-# A parameter whose change by its own size changes the data by less than this part is not seen.
-UNSEEN = 1e-6
 SCALE_IS_INVISIBLE = (
     "A shape at rest shows ratios of moduli, line tension and forces only: the scale of the energy "
     "is that of the parameters held."
@@ -40,7 +38,8 @@ class PhaseFit:
 
     - `parameters`: values by name, in the units of the model.
     - `identification`: their intervals, singular values and null directions.
-    - `equilibrium`: the model in its own units, stable or not.
+    - `solution`: energies, multipliers, nodes and concentration of the model in its own units, as
+      `equilibria.resolve` gives them; `None` where it has no solution. It may be unstable.
     - `mesh`, `x`, `c`: the model in the place and the size of the target.
     - `rms`: root mean square distance over the area radius of the target.
     - `rms_concentration`: root mean square difference of the concentration.
@@ -51,7 +50,7 @@ class PhaseFit:
 
     parameters: dict[str, float]
     identification: Identification
-    equilibrium: Equilibrium
+    solution: Resolved | None
     mesh: SurfaceMesh
     x: Float[Array, "nodes 3"]
     c: Float[Array, " nodes"]
@@ -109,7 +108,8 @@ def match_phases(
       `"reduced_volume"` and `"mean"`, the mean concentration, are known: where they are named, they
       are free.
     - `ranges`: what values parameters may take; by default positive for names with `modulus`,
-      `tension` or `width`, from 0.25 to 0.997 for the reduced volume, else unbounded.
+      `tension` or `width`, from 0.25 to 0.997 for the reduced volume, from 0 to 1
+      for the mean, else unbounded.
     - `noise`: standard deviations of independent normal errors of the points, in the units of the
       target, and of the concentration; they weigh the two kinds of data. Left out, a distance of
       one percent of the area radius counts as much as a difference of 0.01, and the size of both
@@ -121,7 +121,8 @@ def match_phases(
     - `observer`: called with a row of numbers after every accepted step.
 
     **Raises:** `ValueError` for a target that is no closed surface or has no concentration at its
-    nodes, a model of one phase, and values out of their range; `RuntimeError`.
+    nodes, a model of one phase, values out of their range, and a reduced volume that is free;
+    `RuntimeError`.
 
     *Limits:* only ratios can be found: fix one modulus. The neighbourhood of the model is searched,
     no other family of shapes. The mesh of the model must resolve the interface: with a width of
@@ -143,26 +144,24 @@ def match_phases(
     mesh, x, seen = _checked(*target)
     if model.c is None:
         raise ValueError("`model` has one phase; make it with a `TwoPhase` energy and `c=`.")
-    if len(start) == 0:
-        raise ValueError("`start` is empty; name at least one parameter.")
+    if REDUCED_VOLUME in start and not model.fixed_volume:
+        raise ValueError("`model` has a free volume: its reduced volume is no parameter.")
     if noise is not None and not (len(noise) == 2 and all(0 < s < np.inf for s in noise)):
         raise ValueError(
             f"`noise` must be two positive numbers, of points and of c; got {noise!r}."
         )
     surface = prepared(mesh, x)
     spread = tuple((ranges or {}).get(name, _range_of(name)) for name in start)
-    u = jnp.asarray([_unknown(*item) for item in zip(start.items(), spread, strict=True)])
+    u = start_of(start, spread)
     unit = RESOLUTION * float(surface.radius) * np.sqrt(surface.count)
     unit_c = RESOLUTION * np.sqrt(surface.count) if noise is None else unit * noise[1] / noise[0]
     with catch_interrupts() as interrupted:
         names = tuple(start)
         values = {name: jnp.asarray(float(value)) for name, value in start.items()}
-        first = near(build, values, model, model.x, model.c)
-        result = RESULTS.model_failed
-        if not new_references:
-            first, result = _kept(build, values, model), RESULTS.converged
-        elif first.succeeded:
-            result = RESULTS.converged
+        if new_references:
+            first = near(build, values, model, model.x, model.c)
+        else:
+            first = _kept(build, values, model)
         still = Pose(jnp.eye(3), jnp.zeros(3), jnp.ones(()))
         residuals = PhaseResiduals(
             build,
@@ -175,15 +174,15 @@ def match_phases(
         )
         u = jnp.concatenate([u, jnp.zeros(7)])
         residuals = placed(residuals, surface, u)
-        fitter = PhaseMatcher(residuals, surface, tolerance, max_steps, observer, interrupted)
-        if bool(result == RESULTS.converged):
-            descent = fitter.run(u, new_references)
+        matcher = PhaseMatcher(residuals, surface, tolerance, max_steps, observer, interrupted)
+        if first.succeeded:
+            descent = matcher.run(u, new_references)
         else:
             rows = 2 * len(surface.points)
             nothing = np.zeros(rows), np.zeros((rows, len(u)))
-            descent = Descent(u, *nothing, 0.0, result, 0, solved=False)
+            descent = Descent(u, *nothing, 0.0, RESULTS.model_failed, 0, solved=False)
     variance = None if noise is None else (noise[0] / unit) ** 2
-    fit = _finished(fitter, descent, variance, rank_tolerance, began)
+    fit = _finished(matcher, descent, variance, rank_tolerance, began)
     if throw and not fit.succeeded:
         raise RuntimeError(f"No fit ({name_of(fit.result)}): {message(fit.result)}")
     return fit
@@ -210,81 +209,58 @@ def _range_of(name: str) -> AbstractRange:
     return Positive() if positive else Unbounded()
 
 
-def _unknown(item: tuple[str, float], allowed: AbstractRange) -> float:
-    name, value = item
-    try:
-        return allowed.unknown(float(value))
-    except ValueError as error:
-        raise ValueError(f"Start of `{name}`: {error}") from None
-
-
 def _kept(build: Build, values, model: Equilibrium) -> Equilibrium:
-    """The model itself, with the energy of other values in the place of its own."""
+    """The model itself, which must have an energy of the same kind.
+
+    **Raises:** `ValueError` unless it has.
+    """
     inside = {name: v for name, v in values.items() if name not in (REDUCED_VOLUME, MEAN)}
-    has = bool(eqx.tree_equal(*(eqx.filter(e, False) for e in (build(inside), _energy(model)))))
-    if not has:
+    kinds = [jax.tree.structure(energy) for energy in (build(inside), model.parameters.two_phase)]
+    if kinds[0] != kinds[1]:
         raise ValueError(
             "With `new_references=False` the model must have an energy of the kind that `build` "
-            "makes."
+            "makes: functions of c or numbers for the same moduli, and the same well."
         )
     return model
 
 
-def _energy(model: Equilibrium):
-    return model.parameters.two_phase
-
-
-def _finished(fitter: PhaseMatcher, descent: Descent, variance, rank_tolerance, began) -> PhaseFit:
-    residuals, u, target = fitter.residuals, descent.u, fitter.target
-    result = RESULTS.stalled if descent.result is None else descent.result
-    values = {n: float(v) for n, v in residuals.values(u).items()}
-    r, J, lost = descent.residuals, descent.jacobian, not descent.solved
-    if lost:
-        r, J = np.zeros(len(r)), np.zeros(J.shape)
-    slopes = [float(eqx.filter_grad(q.value)(u[k])) for k, q in enumerate(residuals.ranges)]
-    found = laplace(
-        r,
-        J,
-        residuals.labels,
-        np.array(list(values.values())),
-        np.array(slopes),
+def _finished(matcher: PhaseMatcher, descent: Descent, variance, rank_tolerance, began) -> PhaseFit:
+    residuals, target, lost = matcher.residuals, matcher.target, not descent.solved
+    end = concluded(
+        residuals,
+        descent,
+        lost,
+        UNSEEN / RESOLUTION,
         count=2 * target.count,
         variance=variance,
         rank_tolerance=rank_tolerance,
-        least=UNSEEN / RESOLUTION,
-        by_factors=tuple(isinstance(q, Positive) for q in residuals.ranges),
     )
-    if bool(result == RESULTS.converged):
-        if any(q.on_bound(v) for q, v in zip(residuals.ranges, values.values(), strict=True)):
-            result = RESULTS.on_bound
-        elif not all(found.identifiable.values()):
-            result = RESULTS.not_identifiable
-    shape = residuals.model.equilibrium
-    x, c = residuals.model.pose.place(shape.x, residuals.motion(u)), shape.c
+    shape, solution = residuals.model.equilibrium, None
+    x, c = residuals.model.pose.place(shape.x, residuals.motion(descent.u)), shape.c
     if not lost:
-        again, _, x = solved_for(residuals, u)
-        shape, c = eqx.tree_at(lambda e: (e.x, e.c), shape, (again.x, again.c)), again.c
+        solution, _, x = solved_for(residuals, descent.u)
+        c = solution.c
     assert c is not None
-    of_points, of_c = np.split(r, 2)
-    scale = float(residuals.unit_c) / np.sqrt(target.count)
+    sizes = [float(np.linalg.norm(part)) for part in np.split(end.residuals, 2)]
+    unit_c = float(residuals.unit_c) / np.sqrt(target.count)
     stats = {
-        "steps": fitter.steps,
-        "stages": fitter.stages,
+        "steps": matcher.steps,
+        "stages": matcher.stages,
         "seconds": time.perf_counter() - began,
     }
     return PhaseFit(
-        parameters=values,
-        identification=found,
-        equilibrium=shape,
+        parameters=end.parameters,
+        identification=end.identification,
+        solution=solution,
         mesh=shape.mesh,
         x=x,
         c=c,
-        rms=float("nan") if lost else float(np.linalg.norm(of_points)) * RESOLUTION,
-        rms_concentration=float("nan") if lost else float(np.linalg.norm(of_c)) * scale,
+        rms=float("nan") if lost else sizes[0] * RESOLUTION,
+        rms_concentration=float("nan") if lost else sizes[1] * unit_c,
         residuals=residuals,
-        u=u,
-        jacobian=J,
-        history=tuple(fitter.history),
-        result=result,
+        u=descent.u,
+        jacobian=end.jacobian,
+        history=tuple(matcher.history),
+        result=end.result,
         stats=stats,
     )

@@ -133,4 +133,5 @@ class PhaseMatcher:
 
 @eqx.filter_jit
 def solved_for(residuals: PhaseResiduals, u):
+    """`PhaseResiduals.solved`, compiled."""
     return residuals.solved(u)

@@ -11,6 +11,7 @@ from ..energies import TwoPhase
 from ..equilibria import Resolved
 from ..fem import gather, rule_for
 from ..surface._distance import distance_and_value
+from ._conclusion import values_of
 from ._descend import Aux
 from ._parameters import AbstractRange
 from ._shape_residuals import NOWHERE, Model
@@ -63,8 +64,7 @@ class PhaseResiduals(eqx.Module):
 
     def values(self, u: Float[Array, " unknowns"]) -> dict[str, Array]:
         """Parameters by name."""
-        each = zip(self.labels, self.ranges, strict=True)
-        return {name: allowed.value(u[k]) for k, (name, allowed) in enumerate(each)}
+        return values_of(self, u)
 
     def motion(self, u: Float[Array, " unknowns"]) -> Float[Array, "7"]:
         """Turn, shift and size."""

@@ -54,6 +54,20 @@ def test_a_twin_is_found_from_half_the_values(model, twin):
         np.testing.assert_allclose(fit.parameters[name], value, rtol=1e-6)
     assert fit.rms < 1e-8 and fit.rms_concentration < 1e-8
     assert "ratios" in fit.in_words()[0]
+    # What is said of the solution belongs to the parameters found, not to those of the start.
+    assert fit.solution is not None
+    there = eqx.tree_at(lambda p: p.two_phase, model.parameters, energy(TRUTH))
+    expected = jw.equilibria.resolve(model, there)
+    for name in ("total_energy", "tension", "pressure", "chemical_potential"):
+        found = getattr(fit.solution, name)
+        np.testing.assert_allclose(found, getattr(expected, name), rtol=1e-6)
+
+
+@pytest.mark.slow
+def test_a_kept_reference_needs_an_energy_of_the_same_kind(model, twin):
+    other = lambda p: TwoPhase(0.5, p["contrast"], 0.0, p["line_tension"], WIDTH)
+    with pytest.raises(ValueError, match="of the kind that `build` makes"):
+        match_phases(other, twin, model, start=START, new_references=False)
 
 
 @pytest.mark.slow
@@ -91,9 +105,10 @@ def test_what_scales_everything_is_not_identifiable(model):
 
 # 2. What is refused.
 def looked_at(c):
-    """Enough of an equilibrium to be refused."""
+    """Enough of an equilibrium, of free volume, to be refused."""
     model = object.__new__(jw.equilibria.Equilibrium)
     object.__setattr__(model, "c", c)
+    object.__setattr__(model, "fixed_volume", False)
     return model
 
 
@@ -106,7 +121,8 @@ def looked_at(c):
         (0.5 * np.ones(42), True, {}, None, "`start` is empty"),
         (0.5 * np.ones(42), True, START, (0.01, 0.0), "two positive numbers"),
         (0.5 * np.ones(42), True, {"line_tension": -1.0}, None, "Start of `line_tension`"),
-        (0.5 * np.ones(42), True, {"reduced_volume": 1.2}, None, "Start of `reduced_volume`"),
+        (0.5 * np.ones(42), True, {"mean": 1.2}, None, "Start of `mean`"),
+        (0.5 * np.ones(42), True, {"reduced_volume": 0.8}, None, "has a free volume"),
     ],
 )
 def test_what_cannot_be_fitted_is_refused(sphere, c, has_phases, start, noise, message):

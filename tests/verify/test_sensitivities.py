@@ -9,6 +9,7 @@ import pytest
 from jaxwillmore import equilibria, verify
 from jaxwillmore.energies import CanhamHelfrich, OsmoticPressure
 from jaxwillmore.fem import integrate
+from jaxwillmore.mesh import ellipsoid
 
 # 1. The test itself, on a map whose derivatives are known.
 
@@ -71,6 +72,25 @@ def test_sensitivities_of_a_run(kind):
     assert_derivatives(
         rows, {"loaded": 11, "held": 13, "fields": 11}[kind] * len(study.at), outputs
     )
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("kind", ["run", "equilibrium"])
+def test_sensitivities_of_two_phases(kind):
+    """By tension, width, moduli of one phase, mobility, the start or what is held."""
+    if kind == "run":
+        mesh, n = verify.rough_sphere(0, 2)
+        study = verify.two_phase_run_sensitivity(mesh, n * jnp.array([[1.0, 1.15, 1.35]]))
+        names = {"lambda", "width", "b_b", "H0", "b_k", "mobility", "c", "tau", "shape"}
+    else:
+        mesh, x = ellipsoid((0.712, 0.712, 1.677), 0, degree=2)
+        study = verify.two_phase_sensitivity(mesh, x)
+        names = {"lambda", "width", "b_b", "H0", "b_k", "reduced_volume", "mean"}
+    assert set(study.at) == names
+    # Of the other outputs some hardly depend on a parameter, and what is left is rounding.
+    outputs = {"energy", "tension", "pressure", "harmonics", "int c^2", "int c^3"}
+    rows = [row for row in verify.sensitivity_rows(study) if row["output"] in outputs]
+    assert_derivatives(rows, len(outputs) * len(names), outputs)
 
 
 def test_an_unknown_kind_of_run_is_refused():
