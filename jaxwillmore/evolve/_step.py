@@ -7,7 +7,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
-from ..fem import Form, Layout, Rule, cell_jacobians, load, residual
+from ..fem import Form, Layout, Rule, load, planned_cell_jacobians, residual
 from ..flows import System, Units, Whole
 from ..linalg import (
     AbstractSparseSystem,
@@ -195,7 +195,7 @@ class ImplicitStep(AbstractSparseSystem):
 
     def jacobian(self, y):
         p, a = self.problem, self.assembly(y)
-        local = cell_jacobians(a.form, p.mesh, p.rule, a.x, a.U, a.Z, a.args, a.dx)
+        local = planned_cell_jacobians(a.form, p.mesh, p.rule, a.x, a.U, a.Z, a.args, a.dx)
         scales = a.rows[:, None] * a.columns[None, :]
         blocks = scatter_blocks(p.pattern, local) * scales[None]
         return SparseOperator(blocks, p.pattern, self.border(y))
@@ -334,7 +334,7 @@ class LinearStage(AbstractSparseSystem):
         p = self.problem
         form, Z, args = self._form()
         U = self._unscaled(y)
-        local = cell_jacobians(form, p.mesh, p.rule, self.step.x_hat, U, Z, args)
+        local = planned_cell_jacobians(form, p.mesh, p.rule, self.step.x_hat, U, Z, args)
         rows = self._select(_row_scales(p.flow, p.mesh, self.step))
         blocks = scatter_blocks(p.pattern, local) * (rows[:, None] * self._columns()[None, :])[None]
         return SparseOperator(blocks, p.pattern)
