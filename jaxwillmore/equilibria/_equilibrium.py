@@ -141,7 +141,8 @@ def equilibrium(
     - `tolerance`: largest error of the dimensionless unknowns.
     - `max_outer`: pseudo-time steps, rejected ones included.
     - `stability`: count the negative directions.
-    - `linear_solver`: `"direct"` or, with the extra `fast`, `"pardiso"`.
+    - `linear_solver`: `"direct"`, `"dense"` (up to 2,500 unknowns) or, with the extra `fast`,
+      `"pardiso"`.
     - `throw`: raise `RuntimeError` unless it converged; otherwise look at `result`.
     - `observer`: called with a dictionary after every pseudo-time step.
 

@@ -205,6 +205,8 @@ def resolve(
 
     - `parameters`: near those of `equilibrium.parameters`, the constants of the global energies
       included; entries that are not in force (tension where the area is held, say) are ignored.
+    - `linear_solver`: as in `equilibrium`; with `"dense"` many parameter sets are solved at once
+      under `vmap`.
 
     *Limits:* the discrete energy depends on the reference surface at the level of the
     discretisation error: take differences on one reference only.

@@ -83,8 +83,8 @@ def evolve(
       its typical and its largest value; by default a hundredth of `rtol`, and a tenth of
       `stationary_tolerance` where that is less (1e-8 for fixed steps). Area, volume and amounts
       that are held are so to rounding, whatever it is.
-    - `linear_solver`: `"krylov"` (falls back to LU where it stalls), `"direct"`, or `"pardiso"`
-      with the extra `fast`.
+    - `linear_solver`: `"krylov"` (falls back to LU where it stalls), `"direct"`, `"dense"` (up to
+      2,500 unknowns), or `"pardiso"` with the extra `fast`.
     - `progress_meter`: a `TextProgressMeter` that shows the last step; `None` is silent.
 
     **Returns:**

@@ -10,7 +10,7 @@ from jaxtyping import Array, Float, Int
 
 from ..fem import load, rule_for
 from ..flows import SLIP, AbstractLaw, System, Whole, as_system
-from ..linalg import SparseNewton, SparseSolver, TangentGroup, block_pattern
+from ..linalg import SparseNewton, SparseSolver, TangentGroup, block_pattern, checked_method
 from ..mesh import SurfaceMesh
 from ..surface import area_radius
 from ._bdf import bdf, extrapolation, padded
@@ -134,8 +134,8 @@ class Stepper(eqx.Module):
                 f"The {scheme} scheme needs equations that are linear where coefficients are "
                 "frozen, on a surface that moves with its unknowns; use scheme='implicit'."
             )
-        # An unknown method is refused here, not in the first step.
-        SparseSolver(method=linear_solver)
+        # Refused here, not in the first step.
+        checked_method(linear_solver, mesh.n_nodes * flow.layout.width + flow.n_globals)
         pattern = block_pattern(mesh.cells, mesh.n_nodes)
         self.problem = Problem(flow, mesh, rule_for(mesh), pattern)
         self.scheme, self.newton_tolerance = scheme, newton_tolerance

@@ -1,8 +1,12 @@
-"""Sparse LU on the host, in nested-dissection order. NumPy and SciPy only: it runs in callbacks."""
+"""LU on the host, sparse in nested-dissection order or dense.
+
+NumPy and SciPy only: it runs in callbacks.
+"""
 
 import dataclasses
 
 import numpy as np
+import scipy.linalg
 import scipy.sparse as sp
 from scipy.sparse.linalg import splu
 
@@ -104,4 +108,24 @@ class SuperLU:
         s = self._structure
         flat = s.permute(rhs).reshape(rhs.shape[0] * s.n_fields, -1)
         out = self._lu.solve(flat, "T" if transpose else "N")
+        return s.restore(out.reshape(rhs.shape))
+
+
+class Lapack:
+    """Dense LU factors of one small block matrix."""
+
+    def __init__(self, structure: ColumnStructure, data: np.ndarray):
+        self._structure = structure
+        self._lu = scipy.linalg.lu_factor(structure.matrix(data).toarray(), check_finite=False)
+
+    @property
+    def nbytes(self) -> int:
+        """Memory of the factors."""
+        return self._lu[0].nbytes
+
+    def solve(self, rhs: np.ndarray, transpose: bool) -> np.ndarray:
+        """Solve for nodal arrays of shape `nodes fields` or `nodes fields columns`."""
+        s = self._structure
+        flat = s.permute(rhs).reshape(rhs.shape[0] * s.n_fields, -1)
+        out = scipy.linalg.lu_solve(self._lu, flat, int(transpose), check_finite=False)
         return s.restore(out.reshape(rhs.shape))

@@ -5,7 +5,7 @@ from collections.abc import Callable
 
 import numpy as np
 
-from ._direct import ColumnStructure, Pattern, SuperLU
+from ._direct import ColumnStructure, Lapack, Pattern, SuperLU
 from ._flexible import flexible_gmres
 from ._groups import block_matrix
 from ._krylov import Bordered, Elimination, GaussSeidel
@@ -35,6 +35,8 @@ def backend(groups: tuple, method: str) -> Backend:
         from ._pardiso import Pardiso
 
         return Backend(groups, True, Pardiso)
+    if method == "dense":
+        return Backend(groups, True, Lapack)
     return Backend(groups, method == "direct" or not groups)
 
 

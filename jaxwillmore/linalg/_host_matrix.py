@@ -8,6 +8,7 @@ import numpy as np
 from ._factorised import NON_FINITE, NOT_CONVERGED, SINGULAR, Factorised, backend
 from ._host import HOST
 from ._krylov import Elimination
+from ._methods import checked_method
 from ._pattern import BlockPattern
 
 FAILURES = {
@@ -34,6 +35,8 @@ class HostMatrix:
       into it afterwards.
     - `border`: columns, rows and corner of the global unknowns, if there are any.
     - `groups`, `method`: as of `SparseSolver`.
+
+    **Raises:** `ValueError` for a method that cannot be used, or not for so many unknowns.
     """
 
     def __init__(
@@ -50,7 +53,7 @@ class HostMatrix:
             border = empty, empty, np.zeros((0, 0))
         self.n_globals = len(border[2])
         self.n_unknowns = pattern.n_nodes * data.shape[1] + self.n_globals
-        chosen = backend(groups, method)
+        chosen = backend(groups, checked_method(method, self.n_unknowns))
         self._handle = HOST.hold(chosen, data, border, pattern_arrays(pattern))
         self._released = weakref.finalize(self, HOST.release, self._handle)
         self._released.atexit = False

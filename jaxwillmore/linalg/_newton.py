@@ -9,6 +9,7 @@ import lineax as lx
 import optimistix as optx
 from jaxtyping import Array, Bool, Float, Int, PyTree
 
+from ._dense import DenseFactors
 from ._operator import SparseOperator
 from ._solver import PreparedMatrix, SparseSolver
 from ._system import AbstractSparseSystem
@@ -25,7 +26,7 @@ EXACT = 1e-12
 
 class _State(eqx.Module):
     f: Float[Array, " unknowns"]
-    linear: PreparedMatrix
+    linear: PreparedMatrix | DenseFactors
     renew: Bool[Array, ""]
     size: Float[Array, ""]
     contraction: Float[Array, ""]
@@ -92,7 +93,7 @@ class SparseNewton(optx.AbstractRootFinder):
             args.pattern,
             jax.tree.map(lambda s: jnp.zeros(s.shape), shape.border),
         )
-        linear = PreparedMatrix(jnp.asarray(0, jnp.int64), operator)
+        linear = self.linear_solver.unprepared(operator)
         inf, zero = jnp.asarray(jnp.inf), jnp.asarray(0)
         return _State(
             f=f,
@@ -111,11 +112,7 @@ class SparseNewton(optx.AbstractRootFinder):
 
     def step(self, fn, y, args, options, state, tags):
         del options, tags
-
-        def renewed():
-            return self.linear_solver.init(args.jacobian(y), {})
-
-        linear = jax.lax.cond(state.renew, renewed, lambda: state.linear)
+        linear = _renewed_where(state.renew, self.linear_solver, args, y, state.linear)
         solution = lx.linear_solve(
             linear.operator, state.f, self.linear_solver, state=linear, throw=False
         )
@@ -197,3 +194,35 @@ class SparseNewton(optx.AbstractRootFinder):
     def postprocess(self, fn, y, aux, args, options, state, tags, result):
         del fn, args, options, tags, result
         return y, aux, {"jacobians": state.jacobians, "linear_iterations": state.iterations}
+
+
+def _renewed_where(renew: Bool[Array, ""], solver: SparseSolver, system, y, kept):
+    """A new Jacobian or the one that is kept.
+
+    Under `vmap` all members renew theirs as soon as one has to: a `cond` by itself would compute
+    both sides for all of them in every iteration.
+    """
+    arrays, rest = eqx.partition((system, y, kept), eqx.is_array)
+
+    def renewed(arrays):
+        system, y, _ = eqx.combine(arrays, rest)
+        return eqx.filter(solver.init(system.jacobian(y), {}), eqx.is_array)
+
+    @jax.custom_batching.custom_vmap
+    def chosen(renew, arrays):
+        return jax.lax.cond(renew, renewed, lambda arrays: arrays[2], arrays)
+
+    @chosen.def_vmap
+    def _(size, batched, renew, arrays):
+        axes = jax.tree.map(lambda is_batched: 0 if is_batched else None, batched[1])
+
+        def kept(arrays):
+            return jax.vmap(lambda a: a[2], (axes,), axis_size=size)(arrays)
+
+        def all_renewed(arrays):
+            return jax.vmap(renewed, (axes,), axis_size=size)(arrays)
+
+        out = jax.lax.cond(jnp.any(renew), all_renewed, kept, arrays)
+        return out, jax.tree.map(lambda _: True, out)
+
+    return eqx.combine(chosen(renew, arrays), eqx.filter(kept, eqx.is_array, inverse=True))

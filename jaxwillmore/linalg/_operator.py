@@ -75,8 +75,15 @@ class SparseOperator(lx.AbstractLinearOperator):
         out = out + jnp.tensordot(tail, B, axes=1)
         return jnp.concatenate([out.reshape(-1), jnp.tensordot(C, nodal, axes=2) + D @ tail])
 
-    def as_matrix(self):
-        raise ValueError("A SparseOperator is never made dense; solve with `linalg.SparseSolver`.")
+    def as_matrix(self) -> Float[Array, "unknowns unknowns"]:
+        """All entries, zeros included: for small systems, and to test with."""
+        p, (n, f) = self.pattern, (self.pattern.n_nodes, self.data.shape[-1])
+        blocks = jnp.zeros((n, n, f, f), self.data.dtype).at[p.rows, p.cols].set(self.data)
+        nodal = blocks.transpose(0, 2, 1, 3).reshape(n * f, n * f)
+        B = self.border.columns.reshape(-1, n * f).T
+        C = self.border.rows.reshape(-1, n * f)
+        matrix = jnp.block([[nodal, B], [C, self.border.corner]])
+        return matrix.T if self.transposed else matrix
 
     def transpose(self):
         return SparseOperator(self.data, self.pattern, self.border, not self.transposed)

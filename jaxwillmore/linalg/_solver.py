@@ -1,7 +1,6 @@
 """SparseSolver: the Lineax solver behind every implicit step."""
 
 import functools as ft
-import importlib.util
 from typing import Any
 
 import equinox as eqx
@@ -12,13 +11,13 @@ import lineax as lx
 import numpy as np
 from jaxtyping import Array, Float, Int
 
+from ._dense import DenseFactors, dense_factors
 from ._factorised import backend
 from ._host import HOST
 from ._host_matrix import FAILURES, pattern_arrays
+from ._methods import checked_method
 from ._operator import SparseOperator
 from ._system import AbstractSparseSystem
-
-METHODS = ("krylov", "direct", "pardiso")
 
 
 def _border(operator: SparseOperator):
@@ -31,13 +30,19 @@ class PreparedMatrix(eqx.Module):
     handle: Int[Array, ""]
     operator: SparseOperator
 
+    def transpose(self) -> "PreparedMatrix":
+        """The same matrix, for the transposed system."""
+        return PreparedMatrix(self.handle, self.operator.transpose())
+
 
 class SparseSolver(lx.AbstractLinearSolver):
     """Solves with a `SparseOperator`, or with the Jacobian of an `AbstractSparseSystem`.
 
     The work happens in one host callback per solve: flexible GMRES with a block Gauss–Seidel
     preconditioner; if that does not converge, sparse LU of the whole system in nested-dissection
-    order. Derivatives, forward and reverse, are solves with the same matrix or its transpose.
+    order. With `"dense"` there is no callback: small systems are solved where the program runs,
+    all members of a `vmap` at once. Derivatives, forward and reverse, are solves with the same
+    matrix or its transpose.
 
     **Arguments:**
 
@@ -46,12 +51,15 @@ class SparseSolver(lx.AbstractLinearSolver):
       preconditioner, LU at once.
     - `rtol`: relative residual asked of GMRES. Where rounding forbids it, a residual at the level
       of rounding is taken that is at most 1e-6.
-    - `method`: `"krylov"` (as above), `"direct"` (SuperLU at once) or `"pardiso"` (MKL Pardiso at
-      once; needs the extra `fast`).
+    - `method`: `"krylov"` (as above), `"direct"` (SuperLU at once), `"dense"` (LAPACK's LU or the
+      device's, for at most 2,500 unknowns) or `"pardiso"` (MKL Pardiso at once; needs the extra
+      `fast`).
 
-    **Raises:** `ValueError` for an unknown method, or for `"pardiso"` where it is not installed.
+    **Raises:** `ValueError` for an unknown method, for `"pardiso"` where it is not installed, and
+    for `"dense"` beyond its limit.
 
-    *Limits:* real 64-bit matrices. Under `vmap`, members are solved one after another.
+    *Limits:* real 64-bit matrices. Under `vmap`, members are solved one after another, except by
+    `"dense"`.
     """
 
     groups: tuple = eqx.field(static=True, default=())
@@ -59,18 +67,14 @@ class SparseSolver(lx.AbstractLinearSolver):
     method: str = eqx.field(static=True, default="krylov")
 
     def __check_init__(self):
-        if self.method not in METHODS:
-            raise ValueError(f"`method` must be one of {METHODS}; got {self.method!r}.")
-        if self.method == "pardiso" and importlib.util.find_spec("pypardiso") is None:
-            raise ValueError(
-                "`method='pardiso'` needs MKL Pardiso; install it with "
-                "`pip install 'jaxwillmore[fast]'` or use method='krylov'."
-            )
+        checked_method(self.method)
 
-    def init(self, operator: lx.AbstractLinearOperator, options: dict[str, Any]) -> PreparedMatrix:
+    def init(self, operator: lx.AbstractLinearOperator, options: dict[str, Any]):
         del options
         operator = _assembled(operator)
         operator = jax.lax.stop_gradient(operator)
+        if self.method == "dense":
+            return dense_factors(operator)
         handle = jax.pure_callback(
             ft.partial(HOST.prepare, backend(self.groups, self.method)),
             jax.ShapeDtypeStruct((), jnp.int64),
@@ -81,8 +85,16 @@ class SparseSolver(lx.AbstractLinearSolver):
         )
         return PreparedMatrix(handle, operator)
 
-    def compute(self, state: PreparedMatrix, vector: Float[Array, " unknowns"], options):
+    def unprepared(self, operator: SparseOperator) -> "PreparedMatrix | DenseFactors":
+        """What `init` returns, in shape alone: a state to replace before the first solve."""
+        if self.method == "dense":
+            return DenseFactors.unprepared(operator)
+        return PreparedMatrix(jnp.asarray(0, jnp.int64), operator)
+
+    def compute(self, state, vector: Float[Array, " unknowns"], options):
         del options
+        if isinstance(state, DenseFactors):
+            return state.solve(vector, self.rtol)
         operator = state.operator
         x, iterations, outcome = jax.pure_callback(
             ft.partial(
@@ -105,10 +117,10 @@ class SparseSolver(lx.AbstractLinearSolver):
             result = lx.RESULTS.where(outcome == code, failure, result)
         return x, result, {"iterations": iterations}
 
-    def transpose(self, state: PreparedMatrix, options: dict[str, Any]):
-        return PreparedMatrix(state.handle, state.operator.transpose()), options
+    def transpose(self, state, options: dict[str, Any]):
+        return state.transpose(), options
 
-    def conj(self, state: PreparedMatrix, options: dict[str, Any]):
+    def conj(self, state, options: dict[str, Any]):
         return state, options
 
     def assume_full_rank(self):

@@ -107,6 +107,28 @@ def test_resolving_at_the_same_parameters_changes_nothing(prolate):
     np.testing.assert_allclose(again.x, prolate.x, atol=1e-9)
 
 
+@pytest.mark.slow
+def test_a_batch_of_parameters_is_one_program_and_equals_a_loop():
+    """Tensions and their slopes at sixteen volumes at once, by the dense solver."""
+    mesh, x = equilibria.spheroid(0.8, "prolate", level=0)  # 42 nodes
+    shape = equilibria.equilibrium(mesh, x, reduced_volume=0.8, linear_solver="dense")
+
+    def tension(volume, method):
+        p = eqx.tree_at(lambda p: p.volume, shape.parameters, volume)
+        return equilibria.resolve(shape, p, linear_solver=method).tension
+
+    volumes = shape.parameters.volume * jnp.linspace(0.98, 1.01, 16)
+    values_alone = jax.jit(jax.vmap(lambda v: tension(v, "dense")))
+    assert "callback" not in values_alone.lower(volumes).as_text()
+    batch = jax.jit(jax.vmap(jax.value_and_grad(lambda v: tension(v, "dense"))))
+    values, slopes = batch(volumes)
+    one = jax.jit(jax.value_and_grad(lambda v: tension(v, "direct")))
+    for k in (0, 7, 15):
+        value, slope = one(volumes[k])
+        np.testing.assert_allclose(values[k], value, rtol=1e-9)
+        np.testing.assert_allclose(slopes[k], slope, rtol=1e-8)
+
+
 def test_prescribing_the_multipliers_gives_the_same_shape(prolate):
     """The equilibrium with a held area and the pressure found has the volume that was held."""
     shape = equilibria.equilibrium(

@@ -65,6 +65,14 @@ def nan_at_three(x):
         ({"bdf_order": 2.0}, "`bdf_order` must be 1, 2, 3, 4 or 5; got 2.0"),
         ({"scheme": "explicit"}, "`scheme` must be one of"),
         ({"linear_solver": "qr"}, "`method` must be one of"),
+        (
+            {
+                "mesh": icosphere(2, 2)[0],
+                "x0": lambda _: icosphere(2, 2)[1],
+                "linear_solver": "dense",
+            },
+            "at most 2,500 unknowns, and there are 5,136",
+        ),
         # objects
         ({"flow": WillmoreFlow}, r"`flow` must be an instance; got the class WillmoreFlow. Write"),
         ({"flow": "willmore"}, "`flow` must be a law or a `System`; got str"),

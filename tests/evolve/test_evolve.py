@@ -28,6 +28,7 @@ ROUND = {"H": jnp.full(MESH.n_nodes, 2.0), "nu": SPHERE}
 FLOW = as_system(WillmoreFlow())
 
 run = ft.partial(evolve, FLOW, MESH)
+slow = pytest.mark.slow
 
 
 @pytest.fixture(scope="module")
@@ -414,8 +415,9 @@ def test_both_schemes_have_second_order_and_one_limit(scheme):
     assert errors[1] < 1e-4
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("method", ["direct", "pardiso"])
+@pytest.mark.parametrize(
+    "method", ["dense", pytest.param("direct", marks=slow), pytest.param("pardiso", marks=slow)]
+)
 def test_the_linear_solver_does_not_change_the_run(method):
     if method == "pardiso":
         pytest.importorskip("pypardiso")

@@ -33,10 +33,10 @@ def parameters(n_steps):
     }
 
 
-def final_state(p, *, checkpoint=True):
+def final_state(p, *, checkpoint=True, stepper=STEPPER):
     """A number that depends on all nodes and normals at the end."""
     flow = WillmoreFlow(p["bending_modulus"], p["spontaneous_curvature"])
-    run = replay(flow, MESH, p["x0"], p["times"], stepper=STEPPER, checkpoint=checkpoint)
+    run = replay(flow, MESH, p["x0"], p["times"], stepper=stepper, checkpoint=checkpoint)
     x, nu = run.x[-1], run.fields["nu"][-1]
     return jnp.vdot(LOADS[0], x + 0.1 * x**2) + jnp.vdot(LOADS[1], nu)
 
@@ -100,11 +100,30 @@ def test_taylor_remainders_in_all_parameters_at_once(compiled):
     assert abs(observed_order(steps, remainders) - 2.0) < 0.15, remainders
 
 
+# Sixteen membranes at once.
+DENSE = Stepper(WillmoreFlow(), MESH, newton_tolerance=1e-12, linear_solver="dense")
+MODULI = jnp.linspace(0.3, 0.9, 16)
+
+
 @pytest.mark.slow
-def test_a_batch_of_parameters_equals_a_loop():
+def test_a_batch_is_one_program_and_equals_a_loop():
+    """Values and slopes by `"dense"` under `vmap`, against the sparse solver one by one."""
+    p = parameters(3)
+    of = lambda b, stepper: final_state(p | {"bending_modulus": b}, stepper=stepper)
+    alone = jax.jit(jax.vmap(lambda b: of(b, DENSE)))
+    assert "callback" not in alone.lower(MODULI).as_text()
+    values, slopes = jax.jit(jax.vmap(jax.value_and_grad(lambda b: of(b, DENSE))))(MODULI)
+    one = jax.jit(jax.value_and_grad(lambda b: of(b, STEPPER)))
+    expected = [one(b) for b in MODULI]
+    np.testing.assert_allclose(values, [value for value, _ in expected], rtol=1e-9)
+    np.testing.assert_allclose(slopes, [slope for _, slope in expected], rtol=1e-8)
+
+
+@pytest.mark.slow
+def test_a_batch_of_the_sparse_solver_equals_a_loop():
     p = parameters(3)
     value_and_slope = jax.value_and_grad(lambda b: final_state(p | {"bending_modulus": b}))
-    moduli = jnp.array([0.3, 0.6, 0.9])
+    moduli = MODULI[::5]
     values, slopes = jax.jit(jax.vmap(value_and_slope))(moduli)
     one = jax.jit(value_and_slope)
     for k, b in enumerate(moduli):

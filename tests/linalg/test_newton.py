@@ -16,17 +16,18 @@ from .systems import FIELDS, PATTERN, dense, sinh_system
 
 GROUPS = (((0,),), ((1,),))
 LINEAR = SparseSolver(GROUPS, 1e-13)
+DENSE = SparseSolver((), 1e-13, "dense")
 
 
 def residual(y, system):
     return system.residual(y)
 
 
-def find(system, y0=None, *, adjoint=LINEAR, linear=False, max_steps=30, throw=True):
+def find(system, y0=None, *, solver=LINEAR, adjoint=LINEAR, linear=False, max_steps=30, throw=True):
     y0 = jnp.zeros(system.b.shape) if y0 is None else y0
     return optx.root_find(
         residual,
-        SparseNewton(1e-12, LINEAR, linear=linear),
+        SparseNewton(1e-12, solver, linear=linear),
         y0,
         system,
         max_steps=max_steps,
@@ -74,13 +75,14 @@ def test_the_root_and_its_derivatives(n_globals):
     np.testing.assert_allclose(slope, richardson, rtol=1e-9)
 
 
-def test_members_of_a_batch_have_their_own_roots_and_gradients():
+@pytest.mark.parametrize("solver", [LINEAR, DENSE], ids=["krylov", "dense"])
+def test_members_of_a_batch_have_their_own_roots_and_gradients(solver):
     """They stop after different numbers of steps, with different Jacobians."""
     system = sinh_system()
     ps, b = jnp.array([0.0, 0.5, 5.0]), 3 * system.b
 
     def f(p):
-        y = find(with_parameters(system, p, b)).value
+        y = find(with_parameters(system, p, b), solver=solver, adjoint=solver).value
         return jnp.sum(y**2), y
 
     (_, ys), slopes = jax.jit(jax.vmap(jax.value_and_grad(f, has_aux=True)))(ps)

@@ -43,9 +43,9 @@ def test_lineax_learns_nothing_special_about_it(operator):
     assert operator.in_structure() == operator.out_structure()
 
 
-def test_it_is_never_made_dense(operator):
-    with pytest.raises(ValueError, match="never made dense"):
-        operator.as_matrix()
+def test_all_entries(operator):
+    np.testing.assert_array_equal(operator.as_matrix(), dense(operator))
+    np.testing.assert_array_equal(operator.transpose().as_matrix(), dense(operator).T)
 
 
 def test_derivative_by_the_entries(operator):

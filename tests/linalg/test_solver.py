@@ -24,9 +24,10 @@ METHODS = [
     SparseSolver(GROUPS, 1e-13),
     SparseSolver((), 1e-13),
     SparseSolver(GROUPS, 1e-13, "direct"),
+    SparseSolver((), 1e-13, "dense"),
     pytest.param("pardiso", marks=needs_pardiso),
 ]
-NAMES = ["krylov", "no groups", "direct", "pardiso"]
+NAMES = ["krylov", "no groups", "direct", "dense", "pardiso"]
 
 
 @pytest.fixture
@@ -96,6 +97,25 @@ def test_a_batch_equals_a_loop_even_when_it_outgrows_the_cache(monkeypatch):
         np.testing.assert_allclose(slopes[k], np.linalg.solve(full.T, 2 * x), atol=1e-10)
 
 
+def test_a_dense_batch_is_one_program_without_callbacks():
+    """All members at once, with nothing outside the compiled function."""
+    data = jnp.stack([random_blocks(jr.key(k), PATTERN, FIELDS) for k in range(3)])
+    b = jr.normal(jr.key(1), (3, PATTERN.n_nodes * FIELDS))
+
+    def one(data, b):
+        solver = SparseSolver((), 1e-13, "dense")
+        solution = lx.linear_solve(SparseOperator(data, PATTERN), b, solver, throw=False)
+        return jnp.sum(solution.value**2)
+
+    assert "callback" not in jax.jit(jax.vmap(one)).lower(data, b).as_text()
+    values, slopes = jax.jit(jax.vmap(jax.value_and_grad(one, argnums=1)))(data, b)
+    for k in range(3):
+        full = dense(SparseOperator(data[k], PATTERN))
+        x = np.linalg.solve(full, b[k])
+        np.testing.assert_allclose(values[k], x @ x, rtol=1e-10)
+        np.testing.assert_allclose(slopes[k], np.linalg.solve(full.T, 2 * x), atol=1e-10)
+
+
 def test_many_vectors_against_one_matrix():
     operator, solver = operator_of(), SparseSolver(GROUPS, 1e-13)
     b = jr.normal(jr.key(1), (3, PATTERN.n_nodes * FIELDS))
@@ -145,7 +165,7 @@ def result_of(data, b, method="krylov", transposed=False):
 
 
 @pytest.mark.parametrize(
-    "method", ["krylov", "direct", pytest.param("pardiso", marks=needs_pardiso)]
+    "method", ["krylov", "direct", "dense", pytest.param("pardiso", marks=needs_pardiso)]
 )
 def test_a_singular_matrix_is_reported(method):
     """One node without any entry; the failures of a solver are results, not crashes."""
@@ -163,14 +183,15 @@ def test_a_singular_matrix_is_reported(method):
 
 @pytest.mark.parametrize("bad", [np.nan, np.inf])
 @pytest.mark.parametrize("where", ["matrix", "vector"])
-def test_values_that_are_not_finite_are_reported(bad, where):
+@pytest.mark.parametrize("method", ["krylov", "dense"])
+def test_values_that_are_not_finite_are_reported(bad, where, method):
     data = random_blocks(jr.key(0), PATTERN, FIELDS)
     b = jnp.ones(PATTERN.n_nodes * FIELDS)
     if where == "matrix":
         data = data.at[5, 0, 1].set(bad)
     else:
         b = b.at[4].set(bad)
-    assert bool(result_of(data, b) == lx.RESULTS.nonfinite_input)
+    assert bool(result_of(data, b, method) == lx.RESULTS.nonfinite_input)
 
 
 def test_nothing_asked_is_nothing_answered():
@@ -183,6 +204,10 @@ def test_nothing_asked_is_nothing_answered():
 def test_bad_arguments_are_named():
     with pytest.raises(ValueError, match="`method` must be one of"):
         SparseSolver(method="cholesky")
+    pattern = sphere_pattern(2, 2)  # 642 nodes
+    large = SparseOperator(jnp.zeros((pattern.n_blocks, 4, 4)), pattern)
+    with pytest.raises(ValueError, match="at most 2,500 unknowns, and there are 2,568: .* 0.11 GB"):
+        lx.linear_solve(large, jnp.ones(2568), SparseSolver(method="dense"))
     matrix = lx.MatrixLinearOperator(jnp.eye(3))
     with pytest.raises(ValueError, match="got MatrixLinearOperator"):
         lx.linear_solve(matrix, jnp.ones(3), SparseSolver())
