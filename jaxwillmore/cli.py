@@ -163,14 +163,16 @@ def _computed(args: argparse.Namespace, command: Any, compute: Any, closing: Any
     from .mesh import SurfaceError
 
     meter = None if args.quiet else TextProgressMeter()
-    progress = None
-    if meter is not None:
-        meter.start()
-        progress = _shown_by(meter)
     try:
         case = load_case(args.case, command)
         existing = "replace" if args.replace else "refuse"
-        run = compute(case, args.out, existing=existing, progress=progress)
+        run = compute(
+            case,
+            args.out,
+            existing=existing,
+            progress=None if meter is None else _shown_by(meter),
+            announce=None if meter is None else _begun(meter),
+        )
     except RunFolderError as error:
         return _refused(error, "--replace")
     except (CaseError, FileNotFoundError, IsADirectoryError) as error:
@@ -298,6 +300,16 @@ def _plain(value: object) -> str:
     if value is None:
         return "automatic"
     return str(list(value)) if isinstance(value, tuple) else str(value)
+
+
+def _begun(meter) -> Callable[[str], None]:
+    """What is called with the size of a case before it is computed."""
+
+    def begun(size: str) -> None:
+        meter.note(size)
+        meter.start()
+
+    return begun
 
 
 def _shown_by(meter) -> Callable[[dict[str, Any]], None]:

@@ -9,6 +9,7 @@ import sys
 
 import pytest
 
+from jaxwillmore import _machine
 from jaxwillmore._version import __version__
 from jaxwillmore.cases import example_names
 from jaxwillmore.cli import main
@@ -153,7 +154,8 @@ def test_a_run_prints_its_progress_and_its_end(case, tmp_path, capsys):
     out, err = capsys.readouterr()
     assert err == "" and "\r" not in out
     lines = out.splitlines()
-    assert lines[0].startswith("preparing") and lines[1].startswith("step     1 ")
+    assert lines[1].startswith("preparing") and lines[2].startswith("step     1 ")
+    assert lines[0] == "42 nodes of degree 1; about 0.6 GB of memory"
     summary = json.loads((tmp_path / "out" / "summary.json").read_text(encoding="utf-8"))
     assert f"reached_t1 at t = 0.01 after {summary['steps']} steps" in out
     assert f"{summary['willmore']:.8g}" in out and str(tmp_path / "out") in lines[-1]
@@ -171,6 +173,19 @@ def test_an_earlier_run_is_replaced_only_on_request(case, tmp_path, capsys):
     assert main(arguments) == 2
     assert_one_clear_line(capsys.readouterr().err, "out", "earlier run", "--replace")
     assert main([*arguments, "--replace"]) == 0
+
+
+@pytest.mark.parametrize("command", ["run", "equilibrium"])
+def test_a_case_larger_than_the_machine_is_refused_before_it_starts(
+    command, case, tmp_path, capsys, monkeypatch
+):
+    monkeypatch.setattr(_machine, "machine_memory", lambda: 10**8)
+    with open(case, "a", encoding="utf-8") as file:
+        file.write('[constraints]\narea = "initial"\n')
+    assert main([command, case, "--out", str(tmp_path / "out"), "--quiet"]) == 2
+    words = "[surface]", "42 nodes", "about 0.6 GB", "this machine has 0.1 GB", "coarser mesh"
+    assert_one_clear_line(capsys.readouterr().err, *words)
+    assert not (tmp_path / "out").exists()
 
 
 @pytest.mark.slow
@@ -192,7 +207,9 @@ def test_a_terminal_gets_one_line_that_is_rewritten(case, tmp_path):
     os.close(ours)
     assert process.returncode == 0, text
     progress = text.decode().split("reached_t1")[0]
-    assert progress.count("\n") == 1 and progress.count("\rstep") >= 1
+    size, progress = progress.split("of memory")
+    assert "42 nodes" in size and progress.count("\rstep") >= 1
+    assert progress.count("\n") == 2  # after the size, and at the end
 
 
 def test_a_wrong_case_ends_with_2(case, tmp_path, capsys):

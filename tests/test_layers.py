@@ -8,7 +8,7 @@ import pytest
 ROOT = pathlib.Path(__file__).parents[1] / "jaxwillmore"
 LAYERS = [
     {"_types", "_version"},
-    {"_interrupts", "_cache", "_functions"},
+    {"_interrupts", "_cache", "_functions", "_machine"},
     {"reference"},
     {"mesh", "linalg"},
     {"fem"},

@@ -8,7 +8,7 @@ from collections.abc import Callable, Iterable
 from typing import Any
 
 from .._interrupts import catch_interrupts, interrupted
-from ..equilibria import Equilibrium, branch, message, name_of
+from ..equilibria import Equilibrium, branch, memory_estimate, message, name_of
 from ..health import HealthWarning, health_warnings
 from ..io import RunFolder
 from ..plot import branch_picture
@@ -25,6 +25,7 @@ from ._equilibrium import (
 from ._error import CaseError
 from ._output import Existing, ending, fields_of, open_folder, pictures
 from ._sections import OF_PHASES
+from ._size import Announce, announced
 from ._start import starting_surface
 from ._summary import end_of_equilibrium, health_of, provenance, warnings_of
 
@@ -52,6 +53,7 @@ def run_branch(
     *,
     existing: Existing = "refuse",
     progress: Callable[[dict[str, Any]], None] | None = None,
+    announce: Announce | None = None,
 ) -> CaseBranch:
     """Follow the branch of a case and leave its table, its shapes and its picture in a folder.
 
@@ -74,6 +76,8 @@ def run_branch(
         raise CaseError("the section [branch] is missing.", section="branch")
     _check_branch(case)
     start = starting_surface(case)
+    needed = memory_estimate(start.mesh, two_phase=case.phase is not None)
+    announced(needed, start.mesh, announce)
     wanted = wanted_of(case, start)
     with open_folder(out, existing) as folder:
         folder.write_text("case.toml", case.to_toml())

@@ -8,7 +8,7 @@ from collections.abc import Callable
 from typing import Any
 
 from .._interrupts import catch_interrupts
-from ..equilibria import Equilibrium, equilibrium, message, name_of, targets
+from ..equilibria import Equilibrium, equilibrium, memory_estimate, message, name_of, targets
 from ..io import RunFolder, write_vtu
 from ..plot import surface_picture
 from ..surface import recover_mean_curvature
@@ -17,6 +17,7 @@ from ._energies import bending_energy, global_energy
 from ._error import CaseError
 from ._output import UNHEALTHY, Existing, ending, fields_of, open_folder, pictures
 from ._phase import mixing_energy
+from ._size import Announce, announced
 from ._start import Start, starting_surface
 from ._summary import (
     end_of_equilibrium,
@@ -49,6 +50,7 @@ def run_equilibrium(
     *,
     existing: Existing = "refuse",
     progress: Callable[[dict[str, Any]], None] | None = None,
+    announce: Announce | None = None,
 ) -> CaseEquilibrium:
     """Find the equilibrium of a case and leave case, shape, summary and picture in a folder.
 
@@ -61,9 +63,10 @@ def run_equilibrium(
     - `out`: the folder; it is made, parents included.
     - `existing`: what to do with an earlier run in the folder.
     - `progress`: called with a dictionary after every pseudo-time step.
+    - `announce`: called with a line about nodes and memory before anything is computed.
 
-    **Raises:** `CaseError` for a case that has no equilibrium; `RunFolderError` for a folder that
-    cannot be used; `OSError` when the disk is full.
+    **Raises:** `CaseError` for a case that has no equilibrium, or needs more memory than there is;
+    `RunFolderError` for a folder that cannot be used; `OSError` when the disk is full.
 
     ```python
     run = run_equilibrium(load_case("example:vesicle", "equilibrium"), "out/vesicle")
@@ -73,6 +76,8 @@ def run_equilibrium(
     check_equilibrium(case)
     start = starting_surface(case)
     wanted = wanted_of(case, start)
+    needed = memory_estimate(start.mesh, two_phase=case.phase is not None)
+    announced(needed, start.mesh, announce)
     with open_folder(out, existing) as folder:
         folder.write_text("case.toml", case.to_toml())
         shape = equilibrium_of(start, wanted, progress)

@@ -10,7 +10,7 @@ from typing import Any
 from jaxtyping import Array
 
 from .._interrupts import catch_interrupts, interrupted
-from ..evolve import RESULTS, Solution, State, evolve, message, name_of
+from ..evolve import RESULTS, Solution, State, evolve, memory_estimate, message, name_of
 from ..health import HealthWarning, health_warnings
 from ..io import RunFolder, read_history
 from ..mesh import SurfaceMesh
@@ -21,6 +21,7 @@ from ._error import CaseError
 from ._flow import flow_of
 from ._output import UNHEALTHY, Existing, ending, gaussian_curvature, open_folder, pictures
 from ._phase_record import PhaseRecord, warnings_of_phase
+from ._size import Announce, announced
 from ._start import Start, starting_surface
 from ._summary import (
     end_of_flow,
@@ -54,6 +55,7 @@ def run_case(
     *,
     existing: Existing = "refuse",
     progress: Callable[[dict[str, Any]], None] | None = None,
+    announce: Announce | None = None,
 ) -> CaseRun:
     """Run a case and leave case, history, frames, final state, summary and pictures in a folder.
 
@@ -67,9 +69,10 @@ def run_case(
     - `out`: the folder; it is made, parents included.
     - `existing`: what to do with an earlier run in the folder.
     - `progress`: called with the row of `history.csv` after every accepted step.
+    - `announce`: called with a line about nodes and memory before anything is computed.
 
-    **Raises:** `CaseError` for a case that gives no surface; `RunFolderError` for a folder that
-    cannot be used; `OSError` when the disk is full.
+    **Raises:** `CaseError` for a case that gives no surface, or needs more memory than there is;
+    `RunFolderError` for a folder that cannot be used; `OSError` when the disk is full.
 
     ```python
     run = run_case(load_case("example:torus"), "out/torus")
@@ -80,6 +83,7 @@ def run_case(
         raise CaseError("the section [time] is missing.", section="time")
     start = starting_surface(case)
     flow = flow_of(case, start.mesh, start.x)
+    announced(memory_estimate(flow, start.mesh), start.mesh, announce)
     with open_folder(out, existing) as folder:
         folder.write_text("case.toml", case.to_toml())
         recorder = _Recorder(case, folder, flow, start.mesh, progress)

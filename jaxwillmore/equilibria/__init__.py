@@ -9,6 +9,7 @@ from ._diagnostics import (
     mesh_health as mesh_health,
 )
 from ._equilibrium import equilibrium as equilibrium
+from ._memory import memory_estimate as memory_estimate
 from ._parameters import Parameters as Parameters
 from ._reference import smoothed as smoothed
 from ._refined import refined as refined

@@ -11,6 +11,7 @@ import optimistix as optx
 from jaxtyping import Array, Float
 
 from .._interrupts import interrupted
+from .._machine import checked_memory
 from ..energies import AbstractEnergy
 from ..linalg import EXACT
 from ..mesh import SurfaceMesh
@@ -18,6 +19,7 @@ from ..surface import mean_curvature_vector
 from ._density import amount_of, area_and_volume
 from ._diagnostics import MIN_JACOBIAN, mesh_health
 from ._functional import EquilibriumSystem, Reference, concentration
+from ._memory import memory_estimate
 from ._parameters import Parameters, Units, moduli
 from ._reference import advanced, prepare, reference
 from ._results import RESULTS, message, name_of
@@ -146,7 +148,8 @@ def equilibrium(
     - `throw`: raise `RuntimeError` unless it converged; otherwise look at `result`.
     - `observer`: called with a dictionary after every pseudo-time step.
 
-    **Raises:** `ValueError` for impossible targets, with the allowed range; `RuntimeError`.
+    **Raises:** `ValueError` for impossible targets, with the allowed range, and for a mesh that
+    needs more memory than the machine has (`memory_estimate`); `RuntimeError`.
 
     *Limits:* moduli that are the same everywhere or depend on $c$, not on the place. Newton's
     method also finds saddles: read `negative_directions`. Area and volume held together become
@@ -166,6 +169,10 @@ def equilibrium(
     x0 = checked_start(mesh, x0)
     if tolerance <= 0 or max_outer < 1:
         raise ValueError("`tolerance` must be positive and `max_outer` at least 1.")
+    checked_memory(
+        memory_estimate(mesh, two_phase=c is not None, linear_solver=linear_solver),
+        f"An equilibrium on {mesh.n_nodes:,} nodes",
+    )
     target, flags = targets(
         mesh,
         x0,

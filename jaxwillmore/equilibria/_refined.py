@@ -2,10 +2,12 @@
 
 import time
 
+from .._machine import checked_memory
 from ..mesh import prolongate, refine
 from ._density import PATH
 from ._equilibrium import Relaxation, concluded, relax, settle
 from ._functional import concentration
+from ._memory import memory_estimate
 from ._results import RESULTS
 from ._shape import Equilibrium
 
@@ -43,6 +45,10 @@ def refined(
         raise ValueError("Only an equilibrium that converged can be refined; look at `result`.")
     coarse, units = equilibrium.mesh, equilibrium.units
     mesh, X = refine(coarse, units.inward(equilibrium.x))
+    checked_memory(
+        memory_estimate(mesh, two_phase=equilibrium.c is not None, linear_solver=linear_solver),
+        f"The finer equilibrium on {mesh.n_nodes:,} nodes",
+    )
     target = units.parameters(equilibrium.parameters)
     flags = equilibrium.fixed_area, equilibrium.fixed_volume
     relaxation = Relaxation(mesh, flags, tolerance, linear_solver)

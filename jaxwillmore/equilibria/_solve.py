@@ -79,14 +79,15 @@ class OnHost:
 
     def jacobian(self, y):
         """Blocks and border of the derivative."""
-        return arrays_of(_jacobian_jit(self._system, jnp.asarray(y)))
+        return arrays_of(jacobian_of(self._system, jnp.asarray(y)))
 
 
 _residual_jit = eqx.filter_jit(_residual)
 
 
 @eqx.filter_jit
-def _jacobian_jit(system, y) -> SparseOperator:
+def jacobian_of(system: EquilibriumSystem, y: Float[Array, " unknowns"]) -> SparseOperator:
+    """The derivative of the residual at `y`, compiled."""
     return system.jacobian(y)
 
 

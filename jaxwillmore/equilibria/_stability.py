@@ -7,10 +7,10 @@ import scipy.sparse as sp
 from jaxtyping import Array, Float
 from scipy.sparse.linalg import LinearOperator, eigsh
 
-from ..linalg import HostMatrix, SparseOperator
+from ..linalg import HostMatrix
 from ._density import PRESSURE, TENSION
 from ._functional import EquilibriumSystem
-from ._solve import arrays_of
+from ._solve import arrays_of, jacobian_of
 
 
 def lowest_modes(
@@ -42,7 +42,7 @@ def lowest_modes(
     n = r.X.shape[0] * (2 if system.has_phases else 1)
     matrix = HostMatrix(
         system.pattern,
-        *arrays_of(_shifted(system, unknowns, jnp.asarray(shift))),
+        *arrays_of(jacobian_of(_shifted(system, jnp.asarray(shift, float)), unknowns)),
         (),
         linear_solver,
     )
@@ -78,13 +78,14 @@ def lowest_modes(
     return values[order], modes[:, order]
 
 
-@eqx.filter_jit
-def _shifted(system, unknowns, shift) -> SparseOperator:
-    """The saddle-point matrix with $cM$ added to S and the path parameter held."""
+def _shifted(system: EquilibriumSystem, shift) -> EquilibriumSystem:
+    """The system whose matrix has $cM$ added to S, and the path parameter held.
+
+    It differs in values alone: the compiled Jacobian of the solve serves it too.
+    """
     path = system.path
-    held = eqx.tree_at(
+    return eqx.tree_at(
         lambda s: (s.inverse_tau, s.path.shape, s.path.weight),
         system,
         (shift, jnp.zeros_like(path.shape), jnp.ones_like(path.weight)),
     )
-    return held.jacobian(unknowns)

@@ -8,7 +8,9 @@ import equinox as eqx
 from jaxtyping import Array, Float
 
 from .._interrupts import catch_interrupts
+from .._machine import checked_memory
 from ..flows import AbstractLaw, System
+from ..linalg import checked_method
 from ..mesh import SurfaceMesh
 from ..surface import area_radius
 from ._adaptive import Controller, graded_times, growth_limit
@@ -22,6 +24,7 @@ from ._checks import (
 )
 from ._host_step import HostStep
 from ._loop import Loop
+from ._memory import memory_estimate
 from ._progress import TextProgressMeter, progress_text
 from ._save import Saver, save_times
 from ._solution import Solution, State, message, name_of
@@ -91,7 +94,8 @@ def evolve(
 
     A `Solution`. To differentiate a run, pass its `times` to `replay`.
 
-    **Raises:** `ValueError` for arguments out of range; `RuntimeError` as said under `throw`.
+    **Raises:** `ValueError` for arguments out of range, and for a run that needs more memory than
+    the machine has (`memory_estimate`); `RuntimeError` as said under `throw`.
 
     ```python
     mesh, x = jw.mesh.red_cell(level=1, degree=2)
@@ -113,6 +117,11 @@ def evolve(
     x0 = checked_nodes(mesh, x0)
     given = checked_fields(flow, mesh, initial)
     times = save_times(saveat, t0, t1)
+    checked_method(linear_solver, mesh.n_nodes * flow.layout.width + flow.n_globals)
+    checked_memory(
+        memory_estimate(flow, mesh, linear_solver=linear_solver),
+        f"A run of {flow.layout.width} fields on {mesh.n_nodes:,} nodes",
+    )
     stepper = Stepper(
         flow, mesh, scheme=scheme, newton_tolerance=newton_tolerance, linear_solver=linear_solver
     )

@@ -50,6 +50,12 @@ class TextProgressMeter:
         self._width = len(line)
         self._stream.flush()
 
+    def note(self, line: str) -> None:
+        """Write a line that stays, whatever is shown after it."""
+        end = "\n" if self._on_terminal else ""
+        self.show(line + end)
+        self._width = 0
+
     def update(self, line: str) -> None:
         """Write a line unless the last one is too young."""
         now = time.monotonic()

@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 import equinox as eqx
 import numpy as np
 from jaxtyping import Float
-from scipy.stats import norm
+from scipy.special import ndtri
 
 # A parameter with more than this part of its unit vector in the null space is not identifiable.
 NULL_PART = 0.01
@@ -60,7 +60,7 @@ class Identification(eqx.Module):
         """
         if not 0 < level < 1:
             raise ValueError(f"`level` must lie between 0 and 1; got {level!r}.")
-        width = float(norm.ppf(0.5 + 0.5 * level))
+        width = float(ndtri(0.5 + 0.5 * level))
         errors = self.standard_errors
         return {
             name: (float(v) - width * errors[name], float(v) + width * errors[name])

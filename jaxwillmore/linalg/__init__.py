@@ -6,6 +6,7 @@ from ._host_matrix import HostMatrix as HostMatrix
 from ._host_newton import HostNewton as HostNewton
 from ._host_solve import solve_on_host as solve_on_host
 from ._host_system import HostSolution as HostSolution, HostSystem as HostSystem
+from ._memory import system_bytes as system_bytes
 from ._methods import checked_method as checked_method
 from ._newton import EXACT as EXACT, SparseNewton as SparseNewton
 from ._operator import Border as Border, SparseOperator as SparseOperator

@@ -85,6 +85,13 @@ class SurfaceMesh(eqx.Module):
         return self.n_nodes - (self.degree - 1) * self.n_edges - per_cell * self.n_cells
 
     @property
+    def n_node_pairs(self) -> int:
+        """Ordered pairs of nodes of a common triangle: what a matrix has blocks for."""
+        # Pairs on a common edge belong to two triangles, and a vertex with itself to many.
+        in_cells, on_edges = self.cells.shape[1] ** 2, (self.degree + 1) ** 2
+        return in_cells * self.n_cells - on_edges * self.n_edges + self.n_vertices
+
+    @property
     def triangles(self) -> Int[Array, "cells 3"]:
         """The three vertices of every triangle."""
         return self.cells[:, :3]

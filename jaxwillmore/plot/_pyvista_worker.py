@@ -1,7 +1,8 @@
-"""Draws one scene with PyVista; run as a program of its own.
+"""Draws scenes with PyVista; run as a program of its own.
 
 VTK ends the whole process where there is neither a screen nor EGL, so it is kept out of the
-process that runs the simulation. Usage: `python _pyvista_worker.py scene.npz picture.npy`.
+process that runs the simulation. Usage: `python _pyvista_worker.py scene.npz picture.npy ...`,
+with as many pairs of files as there are scenes: to import VTK takes longer than to draw one.
 """
 
 import sys
@@ -64,10 +65,11 @@ def draw(scene: dict[str, np.ndarray]) -> np.ndarray:
     plotter.camera.clipping_range = (0.1 * distance, 2.0 * distance)
     plotter.enable_anti_aliasing("msaa")
     large = np.asarray(plotter.screenshot(return_img=True), dtype=np.float64)
+    plotter.close()
     return np.rint(large.reshape(pixels, 2, pixels, 2, 3).mean(axis=(1, 3))).astype(np.uint8)
 
 
 if __name__ == "__main__":
-    with np.load(sys.argv[1]) as file:
-        picture = draw(dict(file))
-    np.save(sys.argv[2], picture)
+    for scene, picture in zip(sys.argv[1::2], sys.argv[2::2], strict=True):
+        with np.load(scene) as file:
+            np.save(picture, draw(dict(file)))

@@ -1,11 +1,13 @@
-"""One surface as an image: by PyVista in a process of its own, or by matplotlib."""
+"""Surfaces as images: by PyVista in a process of its own, or by matplotlib."""
 
 import importlib.util
+import itertools as it
 import os
 import pathlib
 import subprocess
 import sys
 import tempfile
+from collections.abc import Sequence
 
 import numpy as np
 from jaxtyping import Float, UInt8
@@ -16,6 +18,7 @@ from ._subdivide import FineSurface
 
 _WORKER = pathlib.Path(__file__).with_name("_pyvista_worker.py")
 _PATIENCE = 180.0  # seconds; a first import from a network disk can be slow
+_PATIENCE_PER_SCENE = 20.0
 
 
 Image = UInt8[np.ndarray, "pixels pixels 3"]
@@ -27,10 +30,14 @@ def _edge_opacity(surface: FineSurface) -> float:
     return float(np.clip(0.34 * (500.0 / len(surface.edges)) ** 0.4, 0.06, 0.34))
 
 
-def pyvista_image(
-    surface: FineSurface, colours: Colours, camera: Camera, edges: bool, pixels: int
-) -> Image:
-    """Draw with PyVista, off-screen, without a display.
+def pyvista_images(
+    surfaces: Sequence[FineSurface],
+    colours: Sequence[Colours],
+    camera: Camera,
+    edges: bool,
+    pixels: int,
+) -> list[Image]:
+    """Draw surfaces with PyVista, off-screen, without a display, all in one process.
 
     **Raises:** `PlotError` when PyVista is missing or cannot draw on this machine.
     """
@@ -40,46 +47,66 @@ def pyvista_image(
     if not environment.get("DISPLAY"):
         environment.setdefault("VTK_DEFAULT_OPENGL_WINDOW", "vtkEGLRenderWindow")
     with tempfile.TemporaryDirectory(prefix="jaxwillmore-") as folder:
-        scene, picture = os.path.join(folder, "scene.npz"), os.path.join(folder, "picture.npy")
-        np.savez(
-            scene,
-            points=surface.points,
-            normals=surface.normals,
-            triangles=surface.triangles,
-            edges=surface.edges if edges else surface.edges[:0],
-            edge_opacity=_edge_opacity(surface),
-            contour=surface.contour,
-            colours=colours,
-            axes=camera.axes,
-            centre=camera.centre(surface.points),
-            half_height=camera.half_height,
-            pixels=pixels,
-        )
-        command = [sys.executable, "-P", os.fspath(_WORKER), scene, picture]
+        files = []
+        for number, (surface, colour) in enumerate(zip(surfaces, colours, strict=True)):
+            scene = os.path.join(folder, f"scene{number}.npz")
+            picture = os.path.join(folder, f"picture{number}.npy")
+            np.savez(scene, **_scene(surface, colour, camera, edges, pixels))
+            files.append((scene, picture))
+        command = [sys.executable, "-P", os.fspath(_WORKER), *it.chain(*files)]
         try:
             done = subprocess.run(
                 command,
                 env=environment,
                 stdin=subprocess.DEVNULL,
                 capture_output=True,
-                timeout=_PATIENCE,
+                timeout=_PATIENCE + _PATIENCE_PER_SCENE * len(files),
             )
         except (OSError, subprocess.TimeoutExpired) as error:
             raise PlotError(f"PyVista could not be run: {error}") from error
-        if done.returncode != 0 or not os.path.exists(picture):
+        if done.returncode != 0 or not all(os.path.exists(picture) for _, picture in files):
             words = done.stderr.decode(errors="replace").strip().splitlines()
             reason = words[-1] if words else f"it ended with code {done.returncode}"
             raise PlotError(f"PyVista cannot draw on this machine: {reason[:300]}")
-        return np.load(picture)
+        return [np.load(picture) for _, picture in files]
 
 
-def matplotlib_image(
-    surface: FineSurface, colours: Colours, camera: Camera, edges: bool, pixels: int
-) -> Image:
-    """Draw with matplotlib alone: triangles from the back to the front, with light.
+def _scene(surface: FineSurface, colours: Colours, camera: Camera, edges: bool, pixels: int):
+    """What the process that draws has to know of a surface."""
+    return {
+        "points": surface.points,
+        "normals": surface.normals,
+        "triangles": surface.triangles,
+        "edges": surface.edges if edges else surface.edges[:0],
+        "edge_opacity": _edge_opacity(surface),
+        "contour": surface.contour,
+        "colours": colours,
+        "axes": camera.axes,
+        "centre": camera.centre(surface.points),
+        "half_height": camera.half_height,
+        "pixels": pixels,
+    }
+
+
+def matplotlib_images(
+    surfaces: Sequence[FineSurface],
+    colours: Sequence[Colours],
+    camera: Camera,
+    edges: bool,
+    pixels: int,
+) -> list[Image]:
+    """Draw surfaces with matplotlib alone.
 
     **Raises:** `PlotError` when matplotlib is missing.
     """
+    drawn = zip(surfaces, colours, strict=True)
+    return [_by_matplotlib(surface, c, camera, edges, pixels) for surface, c in drawn]
+
+
+def _by_matplotlib(
+    surface: FineSurface, colours: Colours, camera: Camera, edges: bool, pixels: int
+) -> Image:
+    """Triangles from the back to the front, with light."""
     figure = matplotlib_figure(4.0, 4.0)
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.collections import PolyCollection

@@ -10,7 +10,7 @@ from .._types import Nodes
 from ..mesh import SurfaceMesh
 from ._camera import Camera, camera_for
 from ._error import PlotError, matplotlib_figure, save
-from ._render import matplotlib_image, pyvista_image
+from ._render import matplotlib_images, pyvista_images
 from ._subdivide import FineSurface, subdivide, with_contour
 
 _DIVERGING = ("H", "K", "V", "mean curvature", "Gaussian curvature", "normal velocity")
@@ -98,13 +98,11 @@ def images_of(
 
 def _images(surfaces, colours, camera, edges, pixels, renderer):
     """Images of all surfaces by the same renderer, and its name."""
-    renderers = {"pyvista": pyvista_image, "matplotlib": matplotlib_image}
+    renderers = {"pyvista": pyvista_images, "matplotlib": matplotlib_images}
     names = ["pyvista", "matplotlib"] if renderer == "auto" else [renderer]
     for name in names:
         try:
-            draw = renderers[name]
-            drawn = zip(surfaces, colours, strict=True)
-            return name, [draw(s, c, camera, edges, pixels) for s, c in drawn]
+            return name, renderers[name](surfaces, colours, camera, edges, pixels)
         except PlotError:
             if name == names[-1]:
                 raise
