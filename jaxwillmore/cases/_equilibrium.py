@@ -7,6 +7,8 @@ import time
 from collections.abc import Callable
 from typing import Any
 
+import equinox as eqx
+
 from .._interrupts import catch_interrupts
 from ..equilibria import Equilibrium, equilibrium, memory_estimate, message, name_of, targets
 from ..io import RunFolder, write_vtu
@@ -181,12 +183,16 @@ def measures_of_start(case: Case, start: Start) -> dict[str, float]:
     """Energies and sizes of the surface that the search starts from."""
     mesh, x = start.mesh, start.x
     H = start.initial["H"] if "H" in start.initial else recover_mean_curvature(mesh, x)
-    if case.phase is None:
-        energy = float(bending_energy(case)(mesh, x))
-    else:
-        energy = float(mixing_energy(case)(mesh, x, {"c": start.initial["c"]}))
+    energy, fields = bending_energy(case), None
+    if case.phase is not None:
+        energy, fields = mixing_energy(case), {"c": start.initial["c"]}
     rest = global_energy(case, mesh, x)
-    return measures_of(mesh, x, H, energy + (0.0 if rest is None else float(rest(mesh, x))))
+    energy = energy if rest is None else energy + rest
+    return measures_of(mesh, x, H, float(_value(energy, mesh, x, fields)))
+
+
+# Outside of a compiled function every operation would be compiled for itself.
+_value = eqx.filter_jit(lambda energy, mesh, x, fields: energy(mesh, x, fields))
 
 
 def write_shape(folder: RunFolder, shape: Equilibrium) -> dict[str, Any]:

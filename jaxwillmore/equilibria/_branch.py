@@ -252,7 +252,7 @@ class _Run:
             last = side * (ahead - stop) >= -limits[0]
             system, solved = f.to(stop) if last else f.along(length)
             s, _, g = system.unpack(solved.unknowns)
-            displaced = float(system.largest_step(solved.unknowns))
+            displaced = float(system.assessed(solved.unknowns).step)
             good = solved.converged and displaced < LARGEST_STEP
             if good and not last and side * (float(g[-1]) - stop) > 0:
                 # The curve bent towards the end: take the rest in one step of known size.

@@ -18,7 +18,7 @@ from ..mesh import SurfaceMesh
 from ..surface import mean_curvature_vector
 from ._density import amount_of, area_and_volume
 from ._diagnostics import MIN_JACOBIAN, mesh_health
-from ._functional import EquilibriumSystem, Reference, concentration
+from ._functional import Assessment, EquilibriumSystem, Reference, concentration
 from ._memory import memory_estimate
 from ._parameters import Parameters, Units, moduli
 from ._reference import advanced, prepare, reference
@@ -238,11 +238,12 @@ def relax(relaxation: Relaxation, X, target: Parameters, max_outer: int, observe
         system = relaxation.system(r, aim, 1 / tau)
         solved = relaxation.solve(system, y, g, loose=True)
         s, new_y, new_g = system.unpack(solved.unknowns)
-        size = float(system.largest_step(solved.unknowns))
-        fold = not mesh_health(mesh, r.positions(s)).min_jacobian > MIN_JACOBIAN
+        found = system.assessed(solved.unknowns)
+        size = float(found.step)
+        fold = not mesh_health(mesh, found.nodes).min_jacobian > MIN_JACOBIAN
         accepted = solved.converged and size < LARGEST_STEP and not fold
         if observer is not None:
-            observer(_row(system, solved, outer, tau, size, accepted))
+            observer(_row(system, solved, found, outer, tau, accepted))
         if not accepted:
             if ramping:
                 # With a shorter pseudo-time step the same volume would go into short waves.
@@ -256,17 +257,17 @@ def relax(relaxation: Relaxation, X, target: Parameters, max_outer: int, observe
                 return *best, result, outer
             continue
         best = system, solved
-        before = float(system.objective(solved.unknowns))
         r, y, g = relaxation.reference(advanced(r, s), concentration(new_y)), new_y, new_g
         held = aim.volume, aim.amount
         if arrived and size * max(1.0, SETTLED_TAU / tau) < NEARLY_SETTLED:
-            final = settle(relaxation, relaxation.system(r, target), y, g, before)
+            final = settle(relaxation, relaxation.system(r, target), y, g, float(found.objective))
             if final is not None:
                 return *final, RESULTS.converged, outer
         tau, rate = tau * GROWTH, min(1.5 * rate, VOLUME_RAMP)
     return *best, result, max_outer
 
 
+@eqx.filter_jit
 def _first_fields(r: Reference, target: Parameters):
     """The moment of the nodes, and the concentration beside it if there is one."""
     kappa, H0 = moduli(target, r.c)
@@ -311,31 +312,30 @@ def settle(relaxation: Relaxation, system: EquilibriumSystem, y, g, before: floa
         solved = relaxation.solve(system, y, g)
         found = system, solved
         s, y, g = system.unpack(solved.unknowns)
-        size = float(system.largest_step(solved.unknowns))
-        if not solved.converged or size > LARGEST_STEP:
+        assessed = system.assessed(solved.unknowns)
+        if not solved.converged or float(assessed.step) > LARGEST_STEP:
             return None
         if before is not None:
-            after = float(system.objective(solved.unknowns))
+            after = float(assessed.objective)
             # A rise beyond discretisation error means a saddle, which pseudo-time would leave.
             if after > before + RISE * abs(before):
                 return None
             before = after
-        if float(jnp.max(jnp.abs(s))) < SETTLED:
+        if float(assessed.displacement) < SETTLED:
             break
         r = relaxation.reference(advanced(system.reference, s), concentration(y))
         system = eqx.tree_at(lambda q: q.reference, system, r)
     return found
 
 
-def _row(system, solved, outer, tau, size, accepted) -> dict[str, float | int]:
+def _row(system, solved, found: Assessment, outer, tau, accepted) -> dict[str, float | int]:
     p = system.parameters
     return {
         "step": outer,
         "tau": tau,
         "accepted": float(accepted),
-        "largest_displacement": size,
+        "largest_displacement": float(found.step),
         "newton_iterations": int(solved.iterations),
-        "energy_over_8pi_kappa": float(system.energies(solved.unknowns)[0])
-        / (8 * np.pi * float(p.bending_modulus)),
+        "energy_over_8pi_kappa": float(found.bending) / (8 * np.pi * float(p.bending_modulus)),
         "volume": float(p.volume),
     }

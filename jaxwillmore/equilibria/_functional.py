@@ -69,6 +69,18 @@ class Energies(NamedTuple):
         return self.bending + self.of_measures + self.mixing + self.gaussian
 
 
+class Assessment(NamedTuple):
+    """What decides whether a step is taken, dimensionless."""
+
+    step: Float[Array, ""]
+    """The largest displacement, or change of the concentration if that is more."""
+    displacement: Float[Array, ""]
+    objective: Float[Array, ""]
+    """What a step lowers: energies and the work of an applied tension and pressure."""
+    bending: Float[Array, ""]
+    nodes: Float[Array, "nodes 3"]
+
+
 def concentration(fields) -> Float[Array, " nodes"] | None:
     """The concentration among the nodal unknowns `(y, c)`, if it is there."""
     return fields[:, 3] if fields.shape[1] > 3 else None
@@ -136,14 +148,6 @@ class EquilibriumSystem(AbstractSparseSystem):
         """Displacements, `y` (with `c` as a last column), globals; the inverse of `pack`."""
         U = v[: -self.n_globals].reshape(-1, self.n_fields)
         return U[:, 0], U[:, 1:], v[-self.n_globals :]
-
-    def largest_step(self, v: Float[Array, " unknowns"]) -> Float[Array, ""]:
-        """The largest displacement, or change of the concentration if that is more."""
-        s, fields, _ = self.unpack(v)
-        step = jnp.max(jnp.abs(s))
-        if self.reference.c is None:
-            return step
-        return jnp.maximum(step, OF_CHANGE * jnp.max(jnp.abs(fields[:, 3] - self.reference.c)))
 
     def at(self, p: Float[Array, ""]) -> Parameters:
         """Parameters at a point of the path."""
@@ -227,14 +231,18 @@ class EquilibriumSystem(AbstractSparseSystem):
         return Energies(F - mixed - g[CURVATURE] * M, of, M, mixed, gaussian)
 
     @eqx.filter_jit
-    def objective(self, v: Float[Array, " unknowns"]) -> Float[Array, ""]:
-        """What a step lowers: energies and the work of an applied tension and pressure."""
-        s, _, g = self.unpack(v)
+    def assessed(self, v: Float[Array, " unknowns"]) -> Assessment:
+        """Steps and energies of a solution, in one compiled function."""
+        s, fields, g = self.unpack(v)
         r, p = self.reference, self.at(g[PATH])
-        area, volume = area_and_volume(r.mesh, r.rule, r.positions(s))
+        x, energies = r.positions(s), self.energies(v)
+        area, volume = area_and_volume(r.mesh, r.rule, x)
         work = jnp.where(self.fixed_area, 0.0, p.tension * area)
         work = work - jnp.where(self.fixed_volume, 0.0, p.pressure * volume)
-        return self.energies(v).total + work
+        step = displacement = jnp.max(jnp.abs(s))
+        if r.c is not None:
+            step = jnp.maximum(step, OF_CHANGE * jnp.max(jnp.abs(fields[:, 3] - r.c)))
+        return Assessment(step, displacement, energies.total + work, energies.bending, x)
 
     def blocks(self, y) -> Float[Array, "blocks fields fields"]:
         """Second derivative of L by the nodal unknowns."""

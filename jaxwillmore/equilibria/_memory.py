@@ -13,7 +13,7 @@ GLOBALS = 6
 def memory_estimate(
     mesh: SurfaceMesh, *, two_phase: bool = False, linear_solver: str = "direct"
 ) -> int:
-    """Bytes that the process of `equilibrium` has at its peak, within a quarter or so.
+    """Bytes that the process of `equilibrium` has at its peak, within a fifth or so.
 
     **Arguments:**
 

@@ -88,7 +88,7 @@ def advanced(r: Reference, s: Float[Array, " nodes"]) -> Float[Array, "nodes 3"]
     Nodes that only ever moved along normals would crowd and spread; w spreads the strain.
 
     ??? cite "Reference"
-        Hu, Li (2022), *Numer. Math.* 152, 1–40 (as a velocity; here as a displacement).
+        Hu, Li (2022), *Numer. Math.* 152, 127–181 (as a velocity; here as a displacement).
     """
     blocks, rhs = _tangential_equations(r, s)
     matrix = HostMatrix(r.pattern, np.asarray(blocks))

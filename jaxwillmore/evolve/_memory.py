@@ -16,7 +16,7 @@ PAIR = 48
 def memory_estimate(
     flow: System | AbstractLaw, mesh: SurfaceMesh, *, linear_solver: str = "krylov"
 ) -> int:
-    """Bytes that the process of a run has at its peak, within a quarter or so.
+    """Bytes that the process of a run has at its peak, within a fifth or so.
 
     What the run saves comes on top: `saveat` keeps nodes and fields of every state in memory.
 
@@ -26,7 +26,7 @@ def memory_estimate(
 
     ```python
     mesh, _ = jw.mesh.icosphere(level=6, degree=2)  # 163,842 nodes
-    jw.evolve.memory_estimate(jw.flows.WillmoreFlow(), mesh) / 1e9  # 5 GB
+    jw.evolve.memory_estimate(jw.flows.WillmoreFlow(), mesh) / 1e9  # 4.5 GB
     ```
     """
     flow = as_system(flow)

@@ -55,7 +55,7 @@ class TangentGroup:
     $(w\cdot\nu, \xi) = \dots$: a saddle point, as of a velocity of minimal deformation rate.
 
     ??? cite "Reference"
-        Hu, Li (2022), *Numer. Math.* 150, 1121–1164.
+        Hu, Li (2022), *Numer. Math.* 152, 127–181.
 
     **Arguments:**
 

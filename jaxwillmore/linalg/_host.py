@@ -147,6 +147,10 @@ class Host:
         """
         self._released.append(handle)
 
+    def free(self):
+        """Let go now of what has been released; not for a garbage collector, it may wait."""
+        self.run(lambda: None)
+
     def clear(self):
         """Forget all matrices, held ones too, and all structures."""
         self.run(self._clear)

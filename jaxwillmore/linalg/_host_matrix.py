@@ -86,5 +86,6 @@ class HostMatrix:
         return HOST.run(self._held().inverse)
 
     def release(self):
-        """Free the factors."""
+        """Free matrix and factors, at once."""
         self._released()
+        HOST.free()

@@ -5,8 +5,8 @@ from collections.abc import Sequence
 
 from ._groups import TangentGroup
 
-# SuperLU grows its arrays by half when they are full, and copies what it has.
-GROWTH = 1.5
+# SuperLU grows its arrays by half when they are full: not all that it has is used.
+GROWTH = 1.2
 
 
 def factor_bytes(n_nodes: int, n_blocks: int, n_fields: int) -> int:
