@@ -265,6 +265,22 @@ def test_unequal_and_equal_phases_with_the_same_numbers_move_alike(vesicle):
 
 
 @pytest.mark.slow
+def test_one_interface_at_rest_has_its_exact_energy():
+    """Width 0.15, 1.6 distances of nodes of degree 3: E/λ of a spectral solution within 1e-4."""
+    mesh, x = icosphere(2, 3)  # 1,442 nodes
+    run = evolve(
+        System(CahnHilliard(), Mixing(GinzburgLandau(1.0, 0.15))),
+        mesh,
+        x,
+        t1=50.0,
+        rtol=2e-3,
+        stationary_tolerance=1e-6,
+        initial={"c": stripe(mesh, x, 0.15)},
+    )
+    assert 0 < run.records[-1]["energy"] / 6.1899786401 - 1 < 1e-4
+
+
+@pytest.mark.slow
 def test_gradients_of_a_coupled_step_by_all_that_enters(vesicle):
     """Taylor's remainder by tension, width, mobility, moduli of both phases and the start."""
     mesh, x, c, flow, _ = vesicle
