@@ -171,7 +171,7 @@ def _computed(args: argparse.Namespace, command: Any, compute: Any, closing: Any
             args.out,
             existing=existing,
             progress=None if meter is None else _shown_by(meter),
-            announce=None if meter is None else _begun(meter),
+            announce=None if meter is None else meter.start,
         )
     except RunFolderError as error:
         return _refused(error, "--replace")
@@ -300,16 +300,6 @@ def _plain(value: object) -> str:
     if value is None:
         return "automatic"
     return str(list(value)) if isinstance(value, tuple) else str(value)
-
-
-def _begun(meter) -> Callable[[str], None]:
-    """What is called with the size of a case before it is computed."""
-
-    def begun(size: str) -> None:
-        meter.note(size)
-        meter.start()
-
-    return begun
 
 
 def _shown_by(meter) -> Callable[[dict[str, Any]], None]:

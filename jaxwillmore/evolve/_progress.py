@@ -37,8 +37,10 @@ class TextProgressMeter:
         self._interval = usual if interval is None else interval
         self._width, self._shown_at = 0, -math.inf
 
-    def start(self) -> None:
-        """Say what happens before the first step."""
+    def start(self, size: str = "") -> None:
+        """Say what happens before the first step, under a line about the size if there is one."""
+        if size:
+            self.note(size)
         self.show("preparing the first step (it compiles, which takes a while) ...")
 
     def show(self, line: str) -> None:

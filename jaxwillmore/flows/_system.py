@@ -315,17 +315,21 @@ def _check(laws) -> None:
             hint = f" Write `{name}(...)`." if isinstance(law, type) else ""
             raise ValueError(f"A system is made of laws; got {name}, which is none.{hint}")
     statements = [(type(law).__name__, law.statement()) for law in laws]
-    owners: dict[str, list[str]] = {}
+    owners: dict[str, str] = {}
     for law, s in statements:
-        names = [f.name for f in s.fields] + [*s.data, *s.carried]
-        for name in names + list(s.globals.names if s.globals else ()):
-            owners.setdefault(name, []).append(law)
-    for name, of in owners.items():
-        if len(of) > 1:
-            raise ValueError(
-                f"Two laws have the unknown `{name}`: {' and '.join(of)}. A system has one law of "
-                "a kind; put all loads into one `Loads`, add energies, not laws."
-            )
+        kinds = {
+            "unknown": [f.name for f in s.fields],
+            "nodal field": [*s.data, *s.carried],
+            "global unknown": s.globals.names if s.globals else (),
+        }
+        for kind, name in ((kind, name) for kind, names in kinds.items() for name in names):
+            if name in owners:
+                raise ValueError(
+                    f"Two laws have the {kind} `{name}`: {owners[name]} and {law}. A system "
+                    "has one law of a kind; put all loads into one `Loads`, add energies and "
+                    "forcings, not laws."
+                )
+            owners[name] = law
     present = {f.name for _, s in statements for f in s.fields}
     for law, s in statements:
         missing = [name for name in s.reads if name not in present]

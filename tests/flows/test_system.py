@@ -60,7 +60,7 @@ class Passenger(AbstractLaw):
 @pytest.mark.parametrize(
     "laws, message",
     [
-        ((WILLMORE, LOADS, Loads()), "Two laws have the unknown `tension`: Loads and Loads"),
+        ((WILLMORE, LOADS, Loads()), "Two laws have the global unknown `tension`: Loads and Loads"),
         (
             (WILLMORE, EVEN, MinimalDeformation()),
             "the unknown `w`: MinimalDeformation and MinimalDeformation",
@@ -70,9 +70,9 @@ class Passenger(AbstractLaw):
             "the unknown `H`: WillmoreFlow and MeanCurvatureFlow",
         ),
         ((WILLMORE, HelfrichFlow()), "the unknown `H`: WillmoreFlow and HelfrichFlow"),
-        ((WILLMORE, OUTWARD, OUTWARD), "the unknown `forcing`: Forcing and Forcing"),
+        ((WILLMORE, OUTWARD, OUTWARD), "the nodal field `forcing`: Forcing and Forcing"),
         # Nesting hides nothing.
-        ((System(WILLMORE, LOADS), Loads()), "the unknown `tension`: Loads and Loads"),
+        ((System(WILLMORE, LOADS), Loads()), "the global unknown `tension`: Loads and Loads"),
     ],
 )
 def test_two_laws_with_one_unknown_are_refused_by_name(laws, message):
