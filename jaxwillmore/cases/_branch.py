@@ -76,9 +76,9 @@ def run_branch(
         raise CaseError("the section [branch] is missing.", section="branch")
     _check_branch(case)
     start = starting_surface(case)
+    wanted = wanted_of(case, start)
     needed = memory_estimate(start.mesh, two_phase=case.phase is not None)
     announced(needed, start.mesh, announce)
-    wanted = wanted_of(case, start)
     with open_folder(out, existing) as folder:
         folder.write_text("case.toml", case.to_toml())
         recorder = _Recorder(case, folder, progress)

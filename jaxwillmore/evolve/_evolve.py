@@ -10,7 +10,6 @@ from jaxtyping import Array, Float
 from .._interrupts import catch_interrupts
 from .._machine import checked_memory
 from ..flows import AbstractLaw, System
-from ..linalg import checked_method
 from ..mesh import SurfaceMesh
 from ..surface import area_radius
 from ._adaptive import Controller, graded_times, growth_limit
@@ -117,7 +116,6 @@ def evolve(
     x0 = checked_nodes(mesh, x0)
     given = checked_fields(flow, mesh, initial)
     times = save_times(saveat, t0, t1)
-    checked_method(linear_solver, mesh.n_nodes * flow.layout.width + flow.n_globals)
     checked_memory(
         memory_estimate(flow, mesh, linear_solver=linear_solver),
         f"A run of {flow.layout.width} fields on {mesh.n_nodes:,} nodes",

@@ -1,7 +1,7 @@
 """How much memory a run takes, before it begins."""
 
 from ..flows import AbstractLaw, System, as_system
-from ..linalg import system_bytes
+from ..linalg import checked_method, system_bytes
 from ..mesh import SurfaceMesh
 from ._stepper import column_groups
 
@@ -24,6 +24,8 @@ def memory_estimate(
 
     - `flow`, `mesh`, `linear_solver`: as of `evolve`.
 
+    **Raises:** `ValueError` for a method that is none, or not for so many unknowns.
+
     ```python
     mesh, _ = jw.mesh.icosphere(level=6, degree=2)  # 163,842 nodes
     jw.evolve.memory_estimate(jw.flows.WillmoreFlow(), mesh) / 1e9  # 4.5 GB
@@ -31,6 +33,7 @@ def memory_estimate(
     """
     flow = as_system(flow)
     width = flow.layout.width
+    checked_method(linear_solver, mesh.n_nodes * width + flow.n_globals)
     groups = column_groups(flow.layout, flow.stages)
     system = system_bytes(
         mesh.n_nodes, mesh.n_node_pairs, width, groups, linear_solver, flow.n_globals

@@ -93,8 +93,8 @@ def replay(
       `x0`, `initial` and `times` may be traced.
     - `times`: increasing, the first one is the time of `x0`.
     - `newton_tolerance`: tighter than for a plain run, because derivatives inherit the error.
-    - `linear_solver`: as in `evolve`. `"dense"` calls nothing outside the program: it is the one
-      for many parameter sets at once under `vmap`, and for a whole run on a device.
+    - `linear_solver`: as in `evolve`. `"dense"` solves inside the program: it is the one for many
+      parameter sets at once under `vmap`, and for a whole run on a device.
     - `stepper`: a `Stepper` of the same mesh, when `mesh` itself is traced and its sparsity
       cannot be computed; its flow is replaced by `flow`.
     - `checkpoint`: keep only the solution of every step for the reverse pass, and linearise about

@@ -6,6 +6,7 @@ import lineax as lx
 from jax.scipy.linalg import lu_factor, lu_solve
 from jaxtyping import Array, Float, Int
 
+from ._factorised import LARGEST_RESIDUAL
 from ._methods import checked_method
 from ._operator import SparseOperator
 
@@ -39,7 +40,7 @@ class DenseFactors(eqx.Module):
         missing = jnp.linalg.norm(vector - self.operator.mv(x))
         finite = jnp.all(jnp.isfinite(vector)) & jnp.all(jnp.isfinite(self.operator.data))
         # A singular matrix has an infinite solution, or one that solves nothing.
-        solved = missing <= max(rtol, 1e-6) * jnp.linalg.norm(vector)
+        solved = missing <= max(rtol, LARGEST_RESIDUAL) * jnp.linalg.norm(vector)
         result = lx.RESULTS.where(solved, lx.RESULTS.successful, lx.RESULTS.singular)
         result = lx.RESULTS.where(finite, result, lx.RESULTS.nonfinite_input)
         return x, result, {"iterations": jnp.asarray(1, jnp.int32)}
