@@ -20,7 +20,7 @@ def read_iterate(folder: RunFolder, read):
 
     **Raises:** `CaseError` where there is none, or `read` raises `ValueError`.
     """
-    path = folder.file(ITERATE)
+    path = folder.path / ITERATE
     try:
         return read(json.loads(path.read_text(encoding="utf-8")))
     except FileNotFoundError:

@@ -8,18 +8,22 @@ from typing import Any, Literal
 from ..mesh import SurfaceMesh
 from ._atomic import atomic_write, remove_temporaries
 from ._history import History
+from ._links import refuse_link
 from ._lock import FolderLock
+from ._manifest import Manifest
 from ._npz import write_npz
-from ._plain import HostNodes, write_json
+from ._plain import HostNodes, json_text
 from ._ply import write_ply
 from ._pvd import PvdSeries
 from ._vtu import write_vtu
 
 _NAME = re.compile(r"[A-Za-z0-9_][A-Za-z0-9._-]{0,63}")
-_OURS = ("frames/frame_*.vtu", "run.pvd", "history.csv", "final.*", "summary.json")
-_OURS += ("shapes/shape_*.npz", "branch.csv", "branch.png")
-_OURS += ("iterate.json", "final_*.npz", "overlay_*.png", "residual_*.png", "profile.png")
-_OURS += ("case.toml", "history.png", "checkpoint.npz", "checkpoint_previous.npz")
+_SUBFOLDERS = ("frames", "shapes", "inputs")
+# What looks like a file of a run. Only those that the folder lists are ever removed.
+_ALIKE = ("frames/frame_*.vtu", "run.pvd", "history.csv", "final.*", "summary.json", "inputs/*")
+_ALIKE += ("shapes/shape_*.npz", "branch.csv", "branch.png")
+_ALIKE += ("iterate.json", "final_*.npz", "overlay_*.png", "residual_*.png", "profile.png")
+_ALIKE += ("case.toml", "history.png", "checkpoint.npz", "checkpoint_previous.npz")
 
 
 class RunFolderError(OSError):
@@ -33,11 +37,18 @@ class RunFolder:
     case.toml      history.csv      run.pvd       frames/frame_000000.vtu ...
     final.npz      final.ply        summary.json  checkpoint.npz
     final.vtu      branch.csv       shapes/shape_000000.npz ...     (of equilibria)
+    inputs/        .files           (the meshes that a case reads; the names of all files)
     ```
 
     Every file is either complete or absent, except that `history.csv` grows line by line; so the
-    folder of a run that goes on, failed or was killed can be read. A lock file keeps a second run
-    out; the lock of a killed run is recognised and taken over.
+    folder of a run that goes on, failed or was killed can be read. No file names a place outside,
+    so the folder can be moved. A lock file keeps a second run out; the lock of a killed run is
+    recognised and taken over.
+
+    The hidden file `.files` lists what runs wrote here. Only these files are ever replaced. Where
+    another file stands that looks like one of a run (`final.docx`), a text of a run that was
+    changed since (`case.toml`), or a symbolic link, the folder is refused, naming it. Other files
+    stay as they are.
 
     **Arguments:**
 
@@ -47,6 +58,9 @@ class RunFolder:
         (call `keep_until` with the time of the checkpoint).
 
     **Raises:** `RunFolderError` when the folder cannot be used, saying why and what to do.
+
+    *Limits:* the folder of a version that did not list its files is refused like any other that
+    holds unknown files: move it away, or delete it by hand.
 
     ```python
     with RunFolder("out") as folder:
@@ -63,6 +77,8 @@ class RunFolder:
     ):
         if existing not in ("refuse", "replace", "resume"):
             raise ValueError(f'`existing` is "refuse", "replace" or "resume"; got {existing!r}.')
+        if not os.fspath(path):
+            raise RunFolderError("the name of the folder is empty; `.` is the current one.")
         self.path = _usable_folder(pathlib.Path(path))
         try:
             self._lock = FolderLock(self.path / ".lock")
@@ -72,60 +88,92 @@ class RunFolder:
                 "folder."
             ) from error
         except OSError as error:
-            raise RunFolderError(f"cannot write in `{self.path}`: {error.strerror}.") from error
+            raise RunFolderError(f"cannot write in `{self.path}`: {_words(error)}.") from error
         try:
             self._prepare(existing)
-        except BaseException:
+        except BaseException as error:
             self._lock.release()
+            if isinstance(error, OSError) and not isinstance(error, RunFolderError):
+                raise RunFolderError(f"cannot use `{self.path}`: {_words(error)}.") from error
             raise
 
     def _prepare(self, existing: str) -> None:
-        remove_temporaries(self.path)
-        ours = [file for pattern in _OURS for file in self.path.glob(pattern)]
-        if ours and existing == "refuse":
+        for name in _SUBFOLDERS:
+            refuse_link(self.path / name)
+        for place in (self.path, *(self.path / name for name in _SUBFOLDERS)):
+            remove_temporaries(place)
+        try:
+            self._manifest = Manifest(self.path)
+        except ValueError as error:
+            raise RunFolderError(str(error)) from error
+        listed = [name for name in self._manifest.names if os.path.lexists(self.path / name)]
+        alike = {
+            file.relative_to(self.path).as_posix()
+            for pattern in _ALIKE
+            for file in self.path.glob(pattern)
+        }
+        for name in sorted({*alike, *listed}):
+            refuse_link(self.path / name)
+        unknown = [name for name in sorted({*alike, *listed}) if not self._manifest.knows(name)]
+        if unknown:
+            raise RunFolderError(_unknown_words(self.path, unknown))
+        if listed and existing == "refuse":
             raise RunFolderError(
-                f"`{self.path}` holds an earlier run ({ours[0].name}); choose another folder, or "
+                f"`{self.path}` holds an earlier run ({listed[0]}); choose another folder, or "
                 "ask to replace it."
             )
         if existing == "replace":
-            for file in ours:
-                file.unlink()
-        for name in ("frames", "shapes"):
-            remove_temporaries(self.path / name)
+            for name in listed:
+                (self.path / name).unlink(missing_ok=True)
+            self._manifest.clear()
+
+    def _own(self, name: str, text: str | None = None) -> pathlib.Path:
+        """List a file before it is written; a file of somebody else stays."""
+        path = self.path / name
+        if not self._manifest.lists(name) and os.path.lexists(path):
+            raise RunFolderError(_unknown_words(self.path, [name]))
+        self._manifest.add(name, text)
+        return path
 
     @property
     def series(self) -> PvdSeries:
         """The list of frames, `run.pvd`."""
-        return PvdSeries(self.path / "run.pvd")
+        return PvdSeries(self._own("run.pvd"))
 
     @property
     def history(self) -> History:
         """The table of steps, `history.csv`."""
-        return History(self.path / "history.csv")
+        return History(self._own("history.csv"))
 
     @property
     def branch(self) -> History:
         """The table of the points of a branch, `branch.csv`."""
-        return History(self.path / "branch.csv")
+        return History(self._own("branch.csv"))
 
     @property
     def checkpoint(self) -> pathlib.Path:
         """Where this run's checkpoint belongs."""
-        return self.path / "checkpoint.npz"
+        self._own("checkpoint_previous.npz")
+        return self._own("checkpoint.npz")
 
     def file(self, name: str) -> pathlib.Path:
-        """The path of a file directly in this folder.
+        """The path of a file directly in this folder, which is going to be written.
 
-        **Raises:** `ValueError` unless the name is of letters, digits, `.`, `_`, `-` (at most 64).
+        **Raises:** `ValueError` unless the name is of letters, digits, `.`, `_`, `-` (at most 64);
+        `RunFolderError` where a file stands there that no run wrote.
         """
-        if not _NAME.fullmatch(name):
-            raise ValueError(f"a file of a run is named with A-Z a-z 0-9 . _ -; got {name!r:.80}.")
-        return self.path / name
+        return self._own(_checked_name(name))
 
     def write_text(self, name: str, text: str) -> None:
         """Write a text file, for example `case.toml`."""
-        with atomic_write(self.file(name), "w") as file:
+        with atomic_write(self._own(_checked_name(name), text), "w") as file:
             file.write(text)
+
+    def write_input(self, name: str, data: bytes) -> None:
+        """Write `inputs/NAME`: a file that the case of this run reads."""
+        self._subfolder("inputs")
+        with atomic_write(self._own(f"inputs/{_checked_name(name)}")) as file:
+            file.write(data)
 
     def append_history(self, row: dict[str, Any]) -> None:
         """Add a line to `history.csv`; see `History.append`."""
@@ -139,7 +187,7 @@ class RunFolder:
         number = 1 + max([int(file[-10:-4]) for _, file in entries], default=-1)
         name = f"frames/frame_{number:06d}.vtu"
         self._subfolder("frames")
-        write_vtu(self.path / name, mesh, x, fields, time=t)
+        write_vtu(self._own(name), mesh, x, fields, time=t)
         self.series.append(t, name)
         return self.path / name
 
@@ -147,28 +195,29 @@ class RunFolder:
         self, number: int, mesh: SurfaceMesh, x: HostNodes, fields: dict[str, Any] | None = None
     ) -> pathlib.Path:
         """Write `shapes/shape_NUMBER.npz`, a point of a branch."""
-        path = self._subfolder("shapes") / f"shape_{number:06d}.npz"
+        self._subfolder("shapes")
+        path = self._own(f"shapes/shape_{number:06d}.npz")
         write_npz(path, mesh, x, fields)
         return path
 
-    def _subfolder(self, name: str) -> pathlib.Path:
+    def _subfolder(self, name: str) -> None:
         path = self.path / name
         try:
+            refuse_link(path)
             path.mkdir(exist_ok=True)
         except OSError as error:
             raise RunFolderError(f"cannot write in `{path}`: {error.strerror}.") from error
-        return path
 
     def write_final(
         self, mesh: SurfaceMesh, x: HostNodes, fields: dict[str, Any] | None = None
     ) -> None:
         """Write `final.npz` (all digits, any degree) and `final.ply` (plain fine triangles)."""
-        write_npz(self.path / "final.npz", mesh, x, fields)
-        write_ply(self.path / "final.ply", mesh, x, fields)
+        write_npz(self._own("final.npz"), mesh, x, fields)
+        write_ply(self._own("final.ply"), mesh, x, fields)
 
     def write_summary(self, summary: dict[str, Any]) -> None:
         """Write `summary.json`; NaN and infinities become `null`."""
-        write_json(self.path / "summary.json", summary)
+        self.write_text("summary.json", json_text(summary))
 
     def keep_until(self, t: float) -> None:
         """Forget frames and history after `t`, before a run resumes from there."""
@@ -184,6 +233,26 @@ class RunFolder:
 
     def __exit__(self, *error: Any) -> None:
         self.close()
+
+
+def _checked_name(name: str) -> str:
+    if not _NAME.fullmatch(name):
+        raise ValueError(f"a file of a run is named with A-Z a-z 0-9 . _ -; got {name!r:.80}.")
+    return name
+
+
+def _words(error: OSError) -> str:
+    where = "" if error.filename is None else f"`{error.filename}`: "
+    return f"{where}{error.strerror or error}"
+
+
+def _unknown_words(folder: pathlib.Path, names: list[str]) -> str:
+    listed = ", ".join(f"`{name}`" for name in names[:10]) + (", ..." if names[10:] else "")
+    return (
+        f"`{folder}` holds files that no run wrote as they are: {listed}. Nothing was touched. "
+        "Move them away or choose another folder; the folder of an older version, which did not "
+        "list its files, you may delete by hand."
+    )
 
 
 def _usable_folder(path: pathlib.Path) -> pathlib.Path:

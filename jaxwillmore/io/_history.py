@@ -8,6 +8,7 @@ import pathlib
 from typing import Any
 
 from ._atomic import atomic_write
+from ._links import unlinked
 from ._plain import plain
 
 
@@ -78,11 +79,12 @@ class History:
     def append(self, row: dict[str, Any]) -> None:
         """Add one row.
 
-        **Raises:** `ValueError` when the keys are not the columns of the file.
+        **Raises:** `ValueError` when the keys are not the columns of the file; `OSError` where it
+        is a symbolic link, or the disk is full.
         """
         path = pathlib.Path(self.path)
         try:
-            with open(path, encoding="utf-8", newline="") as file:
+            with open(path, encoding="utf-8", newline="", opener=unlinked) as file:
                 header = next(csv.reader(file), [])
         except FileNotFoundError:
             header = []
@@ -94,7 +96,7 @@ class History:
             )
         lines = [] if header else [_line(columns)]
         lines.append(_line([_word(row[column]) for column in columns]))
-        with open(path, "a", encoding="utf-8", newline="") as file:
+        with open(path, "a", encoding="utf-8", newline="", opener=unlinked) as file:
             file.write("".join(lines))
 
     def keep_until(self, time: float) -> None:

@@ -1,70 +1,75 @@
 """One writer per folder."""
 
+import contextlib
+import errno
 import json
 import os
 import pathlib
 import socket
 
-try:
-    import fcntl
-except ImportError:  # Windows
-    fcntl = None
+import filelock
+
+# Some network file systems have no locks: better to run than to refuse.
+_NO_LOCKS = {errno.ENOSYS, errno.ENOLCK, errno.EOPNOTSUPP, errno.ENOTSUP}
 
 
 class FolderLock:
     """A lock file held from construction to `release`, which tells who holds it.
 
-    The system's own lock on the open file decides, so a lock file left by a killed process is
-    recognised at once and taken over.
+    The system's own lock decides, so a lock file left by a killed process is taken over at once.
+    Who holds it stands behind the first byte, which Windows keeps others from reading.
 
-    **Raises:** `BlockingIOError` naming the process that holds the lock.
-
-    *Limits:* without `fcntl` (Windows), the lock file is only informative.
+    **Raises:** `BlockingIOError` naming the process that holds the lock; `OSError` where the file
+    is a symbolic link or cannot be written. Nothing stays open or behind then.
     """
 
     def __init__(self, path: pathlib.Path):
-        while True:
-            handle = os.open(path, os.O_RDWR | os.O_CREAT, 0o666)
-            try:
-                if fcntl is not None:
-                    fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
-            except BlockingIOError as error:
-                owner = _owner(handle)
-                os.close(handle)
-                raise BlockingIOError(error.errno, owner) from error
-            except OSError:
-                pass  # a network file system without locks: better to run than to refuse
-            # the previous holder may have deleted the file between our opening and our locking
-            if _same(handle, path):
-                break
-            os.close(handle)
-        os.ftruncate(handle, 0)
-        os.write(handle, json.dumps({"pid": os.getpid(), "host": socket.gethostname()}).encode())
         self.path = path
-        self.handle = handle
+        if os.path.islink(path):
+            raise OSError(errno.ELOOP, "the lock file `.lock` is a symbolic link; remove it")
+        self._lock = filelock.FileLock(path, timeout=0, mode=0o644, thread_local=False)
+        try:
+            self._lock.acquire()
+        except filelock.Timeout as error:
+            raise BlockingIOError(errno.EAGAIN, _owner(path)) from error
+        except OSError as error:
+            if error.errno not in _NO_LOCKS:
+                raise
+        try:
+            _sign(path)
+        except PermissionError:
+            pass  # Windows may keep a second handle out; nobody is told who, and that is all
+        except BaseException:
+            self.release()
+            raise
 
     def release(self) -> None:
         """Delete the lock file and let go; a second call does nothing."""
-        try:
-            mine = _same(self.handle, self.path)
-        except OSError:
+        if not self._lock.is_locked:
             return
-        if mine:
+        # While it is held: whoever opened the file before finds out that it is gone.
+        with contextlib.suppress(OSError):
             self.path.unlink(missing_ok=True)
-            os.close(self.handle)
+        self._lock.release()
 
 
-def _same(handle: int, path: pathlib.Path) -> bool:
-    """Whether the open file is still the one at `path`."""
+def _sign(path: pathlib.Path) -> None:
+    """Say in the lock file who holds it."""
+    owner = json.dumps({"pid": os.getpid(), "host": socket.gethostname()}).encode()
+    handle = os.open(path, os.O_WRONLY | getattr(os, "O_NOFOLLOW", 0))
     try:
-        return os.path.samestat(os.fstat(handle), os.stat(path))
-    except FileNotFoundError:
-        return False
+        os.ftruncate(handle, 0)
+        os.lseek(handle, 1, os.SEEK_SET)
+        os.write(handle, owner)
+    finally:
+        os.close(handle)
 
 
-def _owner(handle: int) -> str:
+def _owner(path: pathlib.Path) -> str:
     try:
-        holder = json.loads(os.read(handle, 1000))
+        with open(path, "rb") as file:
+            file.seek(1)
+            holder = json.loads(file.read(1000))
         return f"process {holder['pid']} on {holder['host']}"
-    except (ValueError, KeyError, TypeError):
+    except (OSError, ValueError, KeyError, TypeError):
         return "another process"

@@ -45,8 +45,13 @@ def without_nan(value: Any) -> Any:
     return value
 
 
+def json_text(value: Any) -> str:
+    """`value` as JSON; NaN and infinities become `null`."""
+    text = json.dumps(without_nan(plain(value)), indent=2, ensure_ascii=False, allow_nan=False)
+    return text + "\n"
+
+
 def write_json(path: str | os.PathLike[str], value: Any) -> None:
     """Write `value` as JSON, atomically; NaN and infinities become `null`."""
-    text = json.dumps(without_nan(plain(value)), indent=2, ensure_ascii=False, allow_nan=False)
     with atomic_write(path, "w") as file:
-        file.write(text + "\n")
+        file.write(json_text(value))

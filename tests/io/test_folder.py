@@ -1,5 +1,6 @@
 """The folder of a run: complete at every moment, never shared, never silently overwritten."""
 
+import errno
 import json
 import math
 import os
@@ -30,8 +31,8 @@ def test_a_run_leaves_everything_readable(tmp_path):
         fill(folder)
     names = {str(p.relative_to(tmp_path / "out")) for p in (tmp_path / "out").rglob("*")}
     assert names == {
-        "case.toml", "frames", "frames/frame_000000.vtu", "frames/frame_000001.vtu", "run.pvd",
-        "history.csv", "final.npz", "final.ply", "summary.json",
+        ".files", "case.toml", "frames", "frames/frame_000000.vtu", "frames/frame_000001.vtu",
+        "run.pvd", "history.csv", "final.npz", "final.ply", "summary.json",
     }  # fmt: skip
     assert [r["t"] for r in read_history(tmp_path / "out" / "history.csv")] == [0.0, 0.5]
     assert read_surface(tmp_path / "out" / "final.npz")[0].degree == 2
@@ -78,7 +79,110 @@ def test_an_earlier_run_is_not_overwritten_unasked(tmp_path):
     assert [r["t"] for r in read_history(tmp_path / "history.csv")] == [0.0, 0.25]
     assert [t for t, _ in folder.series.entries()] == [0.0, 0.25]
     with RunFolder(tmp_path, existing="replace"):
-        assert sorted(p.name for p in tmp_path.iterdir()) == [".lock", "frames", "notes.txt"]
+        left = sorted(p.name for p in tmp_path.iterdir())
+        assert left == [".files", ".lock", "frames", "notes.txt"]
+        assert not list((tmp_path / "frames").iterdir())
+
+
+FOREIGN = [
+    "final.docx", "final.blend", "case.toml", "profile.png", "summary.json", "overlay_mine.png",
+    "frames/frame_mine.vtu", "inputs/mine.ply",
+]  # fmt: skip
+
+
+@pytest.mark.parametrize("existing", ["refuse", "replace", "resume"])
+@pytest.mark.parametrize("name", FOREIGN)
+def test_what_no_run_wrote_is_refused_by_name_and_stays(tmp_path, name, existing):
+    (tmp_path / name).parent.mkdir(exist_ok=True)
+    (tmp_path / name).write_text("mine")
+    with pytest.raises(RunFolderError, match=f"no run wrote.*`{name}`.*Move them away"):
+        RunFolder(tmp_path, existing)
+    left = [p for p in tmp_path.rglob("*") if p.is_file() and p.name != ".files"]
+    assert left == [tmp_path / name] and left[0].read_text() == "mine"
+
+
+@pytest.mark.parametrize("name", ["case.toml", "summary.json"])
+def test_a_text_that_was_changed_since_is_not_removed(tmp_path, name):
+    with RunFolder(tmp_path) as folder:
+        fill(folder)
+    with open(tmp_path / name, "a") as file:
+        file.write("# mine\n")
+    with pytest.raises(RunFolderError, match=f"as they are: `{name}`"):
+        RunFolder(tmp_path, "replace")
+    assert (tmp_path / "final.npz").exists()
+
+
+def test_a_file_that_appears_during_a_run_is_not_written_over(tmp_path):
+    with RunFolder(tmp_path) as folder:
+        (tmp_path / "final.npz").write_text("mine")
+        with pytest.raises(RunFolderError, match="final.npz"):
+            folder.write_final(MESH, X)
+    assert (tmp_path / "final.npz").read_text() == "mine"
+
+
+def test_the_list_of_files_names_nothing_outside_the_folder(tmp_path):
+    (tmp_path / "precious").write_text("mine")
+    (tmp_path / "out").mkdir()
+    for line in ("../precious", "frames/../../precious", str(tmp_path / "precious"), "\0"):
+        (tmp_path / "out" / ".files").write_text(f"{line}\n")
+        with pytest.raises(RunFolderError, match="not a list of the files"):
+            RunFolder(tmp_path / "out", "replace")
+    assert (tmp_path / "precious").read_text() == "mine"
+
+
+def test_a_killed_run_leaves_a_list_that_can_be_read(tmp_path):
+    """A line that was cut short is of a file that was not begun."""
+    with RunFolder(tmp_path) as folder:
+        fill(folder)
+    with open(tmp_path / ".files", "a") as file:
+        file.write("frames/fra")
+    with RunFolder(tmp_path, "replace") as folder:
+        assert not (tmp_path / "final.npz").exists()
+        fill(folder)
+
+
+def test_the_summary_goes_first_when_a_run_is_replaced(tmp_path, monkeypatch):
+    with RunFolder(tmp_path) as folder:
+        fill(folder)
+    gone = []
+    monkeypatch.setattr(type(tmp_path), "unlink", lambda path, **_: gone.append(path.name))
+    with RunFolder(tmp_path, "replace"):
+        assert gone[0] == "summary.json" and "final.npz" in gone
+
+
+@pytest.mark.skipif(os.name == "nt", reason="links need rights on Windows")
+@pytest.mark.parametrize(
+    "name", [".lock", ".files", "history.csv", "frames", "shapes", "inputs", "final.npz"]
+)
+def test_symbolic_links_are_refused_and_what_they_point_to_stays(tmp_path, name):
+    out, elsewhere = tmp_path / "out", tmp_path / "elsewhere"
+    with RunFolder(out) as folder:
+        fill(folder)
+    elsewhere.mkdir()
+    (elsewhere / "frame_000000.vtu").write_text("mine")
+    (tmp_path / "precious").write_text("mine")
+    (out / name).rename(tmp_path / "moved") if (out / name).exists() else None
+    (out / name).symlink_to(elsewhere if "." not in name else tmp_path / "precious")
+    for existing in ("refuse", "replace", "resume"):
+        with pytest.raises(RunFolderError, match=rf"{name}.*symbolic link"):
+            RunFolder(out, existing)
+    assert (elsewhere / "frame_000000.vtu").read_text() == "mine"
+    assert (tmp_path / "precious").read_text() == "mine" and (out / "summary.json").exists()
+
+
+@pytest.mark.skipif(os.name == "nt", reason="links need rights on Windows")
+def test_a_link_made_during_a_run_is_not_followed(tmp_path):
+    (tmp_path / "precious").write_text("mine")
+    with RunFolder(tmp_path / "out") as folder:
+        folder.append_history({"t": 0.0})
+        (tmp_path / "out" / "history.csv").unlink()
+        (tmp_path / "out" / "history.csv").symlink_to(tmp_path / "precious")
+        with pytest.raises(OSError, match="symbolic link"):
+            folder.append_history({"t": 1.0})
+        (tmp_path / "out" / "frames").symlink_to(tmp_path)
+        with pytest.raises(RunFolderError, match="symbolic link"):
+            folder.write_frame(0.0, MESH, X)
+    assert (tmp_path / "precious").read_text() == "mine"
 
 
 def test_unusable_folders(tmp_path):
@@ -91,6 +195,8 @@ def test_unusable_folders(tmp_path):
         RunFolder(tmp_path / ("n" * 300))
     with pytest.raises(RunFolderError):
         RunFolder(tmp_path / "file" / "out")
+    with pytest.raises(RunFolderError, match="name of the folder is empty"):
+        RunFolder("")
     with RunFolder(tmp_path / "наблюдения ½∫H²") as folder:
         fill(folder)
 
@@ -110,7 +216,6 @@ def test_names_stay_inside_the_folder(tmp_path):
     assert [p.name for p in tmp_path.iterdir()] == ["out"]
 
 
-@pytest.mark.skipif(os.name == "nt", reason="locks are POSIX")
 def test_two_runs_cannot_share_a_folder(tmp_path):
     with RunFolder(tmp_path) as folder:
         with pytest.raises(RunFolderError, match=f"in use by process {os.getpid()} on"):
@@ -120,7 +225,6 @@ def test_two_runs_cannot_share_a_folder(tmp_path):
     assert not (tmp_path / ".lock").exists()
 
 
-@pytest.mark.skipif(os.name == "nt", reason="locks are POSIX")
 def test_the_lock_of_a_killed_run_is_taken_over(tmp_path):
     """A child holds the lock and is killed; its lock file and half a file stay behind."""
     from jaxwillmore.io import _lock
@@ -142,4 +246,21 @@ def test_the_lock_of_a_killed_run_is_taken_over(tmp_path):
     assert (tmp_path / ".lock").exists()
     with RunFolder(tmp_path) as folder:
         fill(folder)
-    assert not list(tmp_path.glob(".*"))
+    assert [path.name for path in tmp_path.glob(".*")] == [".files"]
+
+
+@pytest.mark.skipif(not os.path.isdir("/proc/self/fd"), reason="open files are listed in /proc")
+@pytest.mark.parametrize("failing", ["write", "fsync"])
+def test_a_full_disk_leaves_no_lock_and_nothing_open(tmp_path, monkeypatch, failing):
+    def full(*_):
+        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+
+    with RunFolder(tmp_path / "before") as folder:
+        fill(folder)
+    before = os.listdir("/proc/self/fd")
+    monkeypatch.setattr(os, failing, full)
+    with pytest.raises(OSError, match="No space left"):
+        with RunFolder(tmp_path / "out") as folder:
+            folder.write_text("case.toml", "[surface]\n")
+    assert len(os.listdir("/proc/self/fd")) == len(before)
+    assert not (tmp_path / "out" / ".lock").exists()
