@@ -42,7 +42,8 @@ def vesicle(tmp_path_factory):
 def test_the_folder_of_an_equilibrium_is_complete(vesicle):
     case, run, rows = vesicle
     assert {path.name for path in run.folder.iterdir()} == {
-        *("case.toml", "summary.json", "final.npz", "final.ply", "final.vtu", "final.png"),
+        *(".files", "case.toml", "summary.json"),
+        *("final.npz", "final.ply", "final.vtu", "final.png"),
     }
     assert load_case(run.folder / "case.toml", "equilibrium") == case
     assert len(rows) == run.summary["steps"] and run.succeeded
@@ -152,7 +153,7 @@ def prolates(tmp_path_factory):
 def test_the_folder_of_a_branch_is_complete(prolates):
     case, run, _ = prolates
     assert {path.name for path in run.folder.iterdir()} == {
-        *("case.toml", "summary.json", "branch.csv", "branch.png", "shapes"),
+        *(".files", "case.toml", "summary.json", "branch.csv", "branch.png", "shapes"),
         *("final.npz", "final.ply", "final.vtu", "final.png"),
     }
     assert load_case(run.folder / "case.toml", "branch") == case

@@ -47,6 +47,7 @@ def finished(tmp_path_factory):
 def test_the_folder_is_complete_and_nothing_else_is_in_it(finished):
     _, run, _ = finished
     assert {path.name for path in run.folder.iterdir()} == {
+        ".files",
         "case.toml",
         "frames",
         "final.npz",

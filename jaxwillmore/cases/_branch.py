@@ -23,6 +23,7 @@ from ._equilibrium import (
     write_shape,
 )
 from ._error import CaseError
+from ._inputs import stored_case
 from ._output import Existing, ending, fields_of, open_folder, pictures
 from ._sections import OF_PHASES
 from ._size import Announce, announced
@@ -79,8 +80,9 @@ def run_branch(
     wanted = wanted_of(case, start)
     needed = memory_estimate(start.mesh, two_phase=case.phase is not None)
     announced(needed, start.mesh, announce)
+    stored = stored_case(case)
     with open_folder(out, existing) as folder:
-        folder.write_text("case.toml", case.to_toml())
+        stored.write(folder)
         recorder = _Recorder(case, folder, progress)
         first = equilibrium_of(start, wanted, progress)
         status, words, events = _followed(case, first, recorder)

@@ -17,6 +17,7 @@ from ..surface import recover_mean_curvature
 from ._case import Case
 from ._energies import bending_energy, global_energy
 from ._error import CaseError
+from ._inputs import stored_case
 from ._output import UNHEALTHY, Existing, ending, fields_of, open_folder, pictures
 from ._phase import mixing_energy
 from ._size import Announce, announced
@@ -80,8 +81,9 @@ def run_equilibrium(
     wanted = wanted_of(case, start)
     needed = memory_estimate(start.mesh, two_phase=case.phase is not None)
     announced(needed, start.mesh, announce)
+    stored = stored_case(case)
     with open_folder(out, existing) as folder:
-        folder.write_text("case.toml", case.to_toml())
+        stored.write(folder)
         shape = equilibrium_of(start, wanted, progress)
         fields = write_shape(folder, shape)
         found = warnings_of(case, shape.mesh, shape.x, fields["H"])

@@ -8,13 +8,15 @@ from collections.abc import Callable
 from typing import Any, Literal
 
 from .._interrupts import catch_interrupts
-from ..io import RunFolder, read_surface
+from ..io import read_surface
 from ._error import CaseError
 from ._examples import example_path, is_example
 from ._fit_balance import balance
 from ._fit_case import FitTask
 from ._fit_match import match
 from ._fit_series import series
+from ._inputs import stored_fit
+from ._output import open_folder
 
 METHODS = {"match": match, "force-balance": balance, "series": series}
 
@@ -53,9 +55,9 @@ def run_fit(
         task.target.file if task.target.start is None else (task.target.start, *task.target.file)
     )
     targets = [_target(task, file) for file in files]
-    pathlib.Path(out).parent.mkdir(parents=True, exist_ok=True)
-    with RunFolder(out, existing) as folder:
-        folder.write_text("case.toml", task.to_toml())
+    stored = stored_fit(task)
+    with open_folder(out, existing) as folder:
+        stored.write(folder)
         try:
             summary = METHODS[task.fit.method](
                 task, targets, folder, existing == "resume", progress

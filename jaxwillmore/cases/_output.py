@@ -21,7 +21,9 @@ Existing = Literal["refuse", "replace"]
 UNHEALTHY, INTERRUPTED = "unhealthy", "interrupted"
 
 
-def open_folder(out: str | os.PathLike[str], existing: Existing) -> RunFolder:
+def open_folder(
+    out: str | os.PathLike[str], existing: Literal["refuse", "replace", "resume"]
+) -> RunFolder:
     """The folder of a run; it is made, parents included."""
     parent = pathlib.Path(out).parent
     try:

@@ -19,6 +19,7 @@ from ..surface import recover_mean_curvature, recover_normal
 from ._case import Case
 from ._error import CaseError
 from ._flow import flow_of
+from ._inputs import stored_case
 from ._output import UNHEALTHY, Existing, ending, gaussian_curvature, open_folder, pictures
 from ._phase_record import PhaseRecord, warnings_of_phase
 from ._size import Announce, announced
@@ -84,8 +85,9 @@ def run_case(
     start = starting_surface(case)
     flow = flow_of(case, start.mesh, start.x)
     announced(memory_estimate(flow, start.mesh), start.mesh, announce)
+    stored = stored_case(case)
     with open_folder(out, existing) as folder:
-        folder.write_text("case.toml", case.to_toml())
+        stored.write(folder)
         recorder = _Recorder(case, folder, flow, start.mesh, progress)
         solution = _evolved(case, flow, start, recorder)
         last = solution.state

@@ -12,7 +12,7 @@ from jaxwillmore.cases._fit_series import FlowOfCase
 from jaxwillmore.cli import main
 from jaxwillmore.evolve import evolve
 from jaxwillmore.flows import Loads, MinimalDeformation, WillmoreFlow
-from jaxwillmore.io import write_npz
+from jaxwillmore.io import RunFolder, write_npz
 from jaxwillmore.mesh import SurfaceError, ellipsoid, icosphere, torus
 
 MESH, X = ellipsoid((1.0, 1.2, 1.5), 0, 2)
@@ -154,8 +154,8 @@ def test_a_broken_iterate_is_told(tmp_path):
     for k in range(3):
         write_npz(tmp_path / f"{k}.npz", MESH, X)
     (tmp_path / "fit.toml").write_text(CASE)
-    (tmp_path / "out").mkdir()
     for text, message in (("[]", "no values of bending_modulus"), ("{", "cannot be read")):
-        (tmp_path / "out" / "iterate.json").write_text(text)
+        with RunFolder(tmp_path / "out", "resume") as folder:
+            folder.file("iterate.json").write_text(text)
         with pytest.raises(CaseError, match=message):
             run_fit(load_fit(tmp_path / "fit.toml"), tmp_path / "out", existing="resume")
