@@ -3,6 +3,7 @@
 import io
 import math
 import os
+import re
 import struct
 import zipfile
 import zlib
@@ -14,14 +15,16 @@ from ..mesh import SurfaceMesh
 from ._atomic import atomic_write
 from ._plain import HostNodes
 
-# Everything `zipfile`, `zlib` and NumPy's header parser raise on a damaged or hostile file.
+# Everything `zipfile`, `zlib` and NumPy raise on a damaged or hostile file.
 _DAMAGED = (
     zipfile.BadZipFile,
     zlib.error,
     struct.error,
     ArithmeticError,
+    AttributeError,
     EOFError,
     LookupError,
+    MemoryError,
     NotImplementedError,
     OSError,
     RuntimeError,
@@ -30,27 +33,73 @@ _DAMAGED = (
     ValueError,
 )
 
+# Deflate packs zeros a thousandfold. Arrays of a surface that large are packed a few times.
+_LARGE, _MOST_PACKED = 2**26, 100
+_METHODS = (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED)
+
+_MAX_HEADER = 10_000
+_FIELDS = {
+    "descr": re.compile(r"""['"]descr['"]\s*:\s*['"]([^'"]*)['"]"""),
+    "fortran_order": re.compile(r"""['"]fortran_order['"]\s*:\s*(True|False)"""),
+    "shape": re.compile(r"""['"]shape['"]\s*:\s*\(([^()]*)\)"""),
+}
+
 
 class NpzError(ValueError):
     """A file is not an NPZ archive of plain arrays, or is damaged."""
 
 
+def _header(data: bytes) -> tuple[tuple[int, ...], bool, np.dtype, int]:
+    """Shape, whether columns come first, type, and where the numbers begin.
+
+    Three patterns instead of NumPy's parser, which hands whatever stands there to Python's.
+    """
+    if data[:6] != b"\x93NUMPY" or len(data) < 12:
+        raise ValueError("it does not begin as an array does")
+    wide = data[6] > 1
+    start = 12 if wide else 10
+    (size,) = struct.unpack_from("<I" if wide else "<H", data, 8)
+    if size > _MAX_HEADER or start + size > len(data):
+        raise ValueError(f"its header is {size} bytes long")
+    text = data[start : start + size].decode("latin-1")
+    found = {name: pattern.search(text) for name, pattern in _FIELDS.items()}
+    descr, order, shape = (match and match.group(1) for match in found.values())
+    if descr is None or order is None or shape is None:
+        raise ValueError("its header is not that of an array of numbers")
+    lengths = [word.strip().removesuffix("L") for word in shape.split(",") if word.strip()]
+    if not all(word.isdecimal() and len(word) < 19 for word in lengths):
+        raise ValueError(f"its header announces the shape ({shape:.40})")
+    return tuple(map(int, lengths)), order == "True", np.dtype(descr), start + size
+
+
 def _member(data: bytes) -> np.ndarray:
-    stream = io.BytesIO(data)
-    version = np.lib.format.read_magic(stream)
-    if version == (1, 0):
-        shape, fortran, dtype = np.lib.format.read_array_header_1_0(stream)
-    else:
-        shape, fortran, dtype = np.lib.format.read_array_header_2_0(stream)
+    shape, fortran, dtype, start = _header(data)
     if dtype.hasobject:
         raise ValueError("it holds Python objects, which are never loaded")
     n_bytes = math.prod(shape) * dtype.itemsize
-    start = stream.tell()
     # NumPy would allocate whatever the header announces before looking at the data
     if n_bytes != len(data) - start:
         raise ValueError(f"its header announces {n_bytes} bytes, it holds {len(data) - start}")
     array = np.frombuffer(data, dtype, count=math.prod(shape), offset=start)
     return array.reshape(shape, order="F" if fortran else "C").copy()
+
+
+def _refuse_bomb(members: list[zipfile.ZipInfo], n_packed: int, max_bytes: int) -> None:
+    """Complain about an archive that announces more than its length can honestly hold.
+
+    What is unpacked later is never more than what is announced here.
+    """
+    size = sum(member.file_size for member in members)
+    if size > max_bytes:
+        raise NpzError(f"it unpacks to {size} bytes; at most {max_bytes} are read")
+    if size > max(_LARGE, _MOST_PACKED * n_packed):
+        raise NpzError(
+            f"it unpacks from {n_packed} to {size} bytes, more than {_MOST_PACKED} times as many; "
+            "no surface does. Save it with `numpy.savez`, uncompressed, if it is one"
+        )
+    for member in members:
+        if member.compress_type not in _METHODS:
+            raise NpzError(f"its array {member.filename!r:.80} is packed in an unusual way")
 
 
 def read_npz(
@@ -67,9 +116,7 @@ def read_npz(
             members = archive.infolist()
             if len(members) > max_members:
                 raise NpzError(f"it holds {len(members)} arrays; at most {max_members} are read")
-            size = sum(member.file_size for member in members)
-            if size > max_bytes:
-                raise NpzError(f"it unpacks to {size} bytes; at most {max_bytes} are read")
+            _refuse_bomb(members, file.seek(0, os.SEEK_END), max_bytes)
             for member in members:
                 name = member.filename.removesuffix(".npy")
                 if name == member.filename or name in arrays:
@@ -77,11 +124,11 @@ def read_npz(
                 try:
                     arrays[name] = _member(archive.read(member))
                 except _DAMAGED as error:
-                    raise NpzError(f"its array {name!r:.80} is damaged: {error}") from error
+                    raise NpzError(f"its array {name!r:.80} is damaged: {error!s:.200}") from error
     except NpzError:
         raise
     except _DAMAGED as error:
-        raise NpzError(f"not an NPZ archive, truncated or damaged ({error})") from error
+        raise NpzError(f"not an NPZ archive, truncated or damaged ({error!s:.200})") from error
     return arrays
 
 

@@ -15,7 +15,7 @@ from ..reference import lagrange_basis, lagrange_nodes
 from ._npz import NpzError, read_npz
 from ._obj import parse_obj
 from ._off import parse_off
-from ._ply import parse_ply
+from ._ply_read import parse_ply
 from ._repair import merge_vertices, orient
 from ._source import read_bytes
 from ._stl import parse_stl

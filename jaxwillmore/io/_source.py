@@ -5,13 +5,15 @@ import os
 import pathlib
 
 from ..mesh import SurfaceError
+from ._off import begins_off
+from ._words import without_mark
 
 FORMATS = ("ply", "off", "obj", "stl", "npz")
 
 
 def _sniff(data: bytes) -> str | None:
     """The format the first bytes speak of, if they do."""
-    head = data[:4096]
+    head = without_mark(data[:4096])
     if head.startswith(b"ply") and head[3:4].isspace():
         return "ply"
     if head.startswith(b"PK\x03\x04"):
@@ -22,7 +24,7 @@ def _sniff(data: bytes) -> str | None:
         return "stl"
     lines = [line.split() for line in head.splitlines()]
     first = [words[0] for words in lines if words and not words[0].startswith(b"#")]
-    if first and first[0].removeprefix(b"ST").removeprefix(b"C").removeprefix(b"N") == b"OFF":
+    if first and begins_off(first[0].decode("latin-1")):
         return "off"
     if b"v" in first[:50] and b"\0" not in head:
         return "obj"
@@ -39,6 +41,8 @@ def read_bytes(path: str | os.PathLike[str], max_bytes: int) -> tuple[str, bytes
     if path.is_dir():
         raise IsADirectoryError(f"`{path}` is a folder; name the file of the surface in it.")
     if not path.exists():
+        if path.is_symlink():
+            raise FileNotFoundError(f"`{path}` is a symbolic link that leads nowhere.")
         near = difflib.get_close_matches(path.name, _names_in(path.parent), n=1)
         hint = f" Did you mean `{path.parent / near[0]}`?" if near else ""
         raise FileNotFoundError(

@@ -1,43 +1,34 @@
-"""STL files, read by trimesh: binary and text."""
+"""STL files, binary and text. Read here and not by trimesh, which reads normals nobody needs and
+complains about them, and cuts off faces of a truncated text file.
+"""
 
-import io
-import warnings
+import struct
 
 import numpy as np
 
 from ..mesh import SurfaceError
+from ._words import coordinates, text_of, wide_encoding, without_mark
+
+_HEAD, _TRIANGLE = 84, 50
+_TABLE = np.dtype([("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("attribute", "<u2")])
 
 
 def parse_stl(name: str, data: bytes) -> tuple[np.ndarray, np.ndarray]:
     """Vertices and faces of an STL file, corners at exactly the same place made one vertex.
 
     The format stores three points per triangle and no connectivity, so this much has to be done
-    for it to be a surface at all.
+    for it to be a surface at all. All solids in a file are one surface; normals and colours are
+    not read.
     """
-    from trimesh.exchange.stl import HeaderError, load_stl
-
-    if len(data) < 15:
-        raise SurfaceError(f"{name}: not an STL file: it has only {len(data)} bytes.")
-    try:
-        with warnings.catch_warnings():
-            warnings.simplefilter("error")  # text that is not numbers is otherwise cut off there
-            loaded = load_stl(io.BytesIO(data))
-    except (ValueError, HeaderError, LookupError, ImportError, DeprecationWarning) as error:
-        raise SurfaceError(
-            f"{name}: not a whole STL file, truncated or damaged ({error}). Text files need "
-            "decimal points, not commas."
-        ) from error
-    solids = loaded.get("geometry", {})
-    if len(solids) > 1:
-        raise SurfaceError(
-            f"{name}: the file holds {len(solids)} solids ({', '.join(list(solids)[:5])}); "
-            "write each one to a file of its own."
-        )
-    if "vertices" not in loaded:
-        raise SurfaceError(f"{name}: {_why_nothing(data)}.")
-    _check_text(name, data, len(loaded["vertices"]))
+    announced = struct.unpack("<I", data[80:84])[0] if len(data) >= _HEAD else None
+    size = len(data) + 1 if announced is None else _HEAD + _TRIANGLE * announced
+    is_text = without_mark(data).lstrip()[:5].lower() == b"solid" and b"\0" not in data
+    if size != len(data) and (wide_encoding(data) or is_text and size > len(data)):
+        corners = _text(name, text_of(name, data, "STL"))
+    else:
+        corners = _binary(name, data, announced)
     # + 0.0 because STL writers produce -0.0 beside 0.0 for the same point
-    corners = np.asarray(loaded["vertices"], dtype=np.float64) + 0.0
+    corners = corners + 0.0
     _, first, numbers = np.unique(corners, axis=0, return_index=True, return_inverse=True)
     order = np.argsort(first)  # back from sorted points to the order of the file
     new_number = np.empty_like(order)
@@ -45,26 +36,50 @@ def parse_stl(name: str, data: bytes) -> tuple[np.ndarray, np.ndarray]:
     return corners[first[order]], new_number[numbers.reshape(-1, 3)]
 
 
-def _why_nothing(data: bytes) -> str:
-    """Why trimesh found no triangle."""
-    if len(data) == 84:
-        return "the surface is empty: no triangles"
-    if data.lstrip()[:5].lower() == b"solid":
-        return "not a whole STL file, truncated or damaged: no solid in it is complete"
-    announced = int.from_bytes(data[80:84], "little")
-    return (
-        f"not a whole STL file, truncated or damaged: it announces {announced} triangles, which "
-        f"take {84 + 50 * announced} bytes, and has {len(data)}"
-    )
-
-
-def _check_text(name: str, data: bytes, n_corners: int) -> None:
-    """Refuse a text file of which trimesh understood less than it holds."""
-    if len(data) == 84 + 50 * (n_corners // 3):
-        return  # binary: trimesh compares the header with the length itself
-    found = data.lower().count(b"endfacet")
-    if 3 * found != n_corners:
+def _binary(name: str, data: bytes, announced: int | None) -> np.ndarray:
+    """Three corners per triangle; up to 49 bytes behind the last one do no harm."""
+    if announced is None:
+        raise SurfaceError(f"{name}: not an STL file, or truncated: it has only {len(data)} bytes.")
+    size = _HEAD + _TRIANGLE * announced
+    if size > len(data):
         raise SurfaceError(
-            f"{name}: {n_corners} corners in {found} complete triangles; the file is truncated or "
-            "damaged."
+            f"{name}: not a whole STL file, truncated or damaged: it announces {announced} "
+            f"triangles, which take {size} bytes, and has {len(data)}."
         )
+    if len(data) - size >= _TRIANGLE:
+        raise SurfaceError(
+            f"{name}: {len(data) - size} bytes are left over behind the {announced} triangles "
+            "the file announces; it is damaged, or more than one file in one."
+        )
+    if announced == 0:
+        raise SurfaceError(f"{name}: the surface is empty: no triangles.")
+    table = np.frombuffer(data, _TABLE, count=announced, offset=_HEAD)
+    return table["corners"].reshape(-1, 3).astype(np.float64)
+
+
+def _text(name: str, text: str) -> np.ndarray:
+    """The same of a text file."""
+    corners, begun, closed = [], 0, False
+    for line, content in enumerate(text.splitlines(), start=1):
+        words = content.split()
+        kind = words[0].lower() if words else ""
+        if kind in ("solid", "endsolid"):
+            closed = kind == "endsolid"
+            continue  # what follows is a name, which may be any words
+        for at, word in enumerate(map(str.lower, words)):
+            if word == "vertex":
+                corners.append(coordinates(name, line, words[at + 1 : at + 4]))
+            elif word in ("facet", "endfacet"):
+                if len(corners) - begun != (3 if word == "endfacet" else 0):
+                    raise SurfaceError(
+                        f"{name}, line {line}: a facet with {len(corners) - begun} corners instead "
+                        "of 3; the file is damaged."
+                    )
+                begun = len(corners)
+    if begun != len(corners) or not closed:
+        raise SurfaceError(
+            f"{name}: not a whole STL file, truncated or damaged: it does not end with `endsolid`."
+        )
+    if not corners:
+        raise SurfaceError(f"{name}: the surface is empty: the STL file has no triangles.")
+    return np.array(corners)
