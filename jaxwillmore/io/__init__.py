@@ -15,6 +15,11 @@ from ._npz import write_npz as write_npz
 from ._plain import write_json as write_json
 from ._ply import linear_triangles as linear_triangles, write_ply as write_ply
 from ._pvd import PvdSeries as PvdSeries
-from ._read import SurfaceWarning as SurfaceWarning, read_surface as read_surface
+from ._read import (
+    Reading as Reading,
+    SurfaceWarning as SurfaceWarning,
+    examine_surface as examine_surface,
+    read_surface as read_surface,
+)
 from ._table import write_table as write_table
 from ._vtu import write_vtu as write_vtu

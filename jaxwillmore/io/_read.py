@@ -3,20 +3,27 @@
 import io
 import os
 import warnings
-from typing import Any, NamedTuple
+from typing import Any, Literal, NamedTuple
 
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
 from .._types import Nodes
-from ..mesh import SurfaceError, SurfaceMesh, SurfaceReport, check_mesh, check_surface, raise_degree
+from ..mesh import (
+    SurfaceError,
+    SurfaceMesh,
+    SurfaceReport,
+    check_mesh,
+    check_surface,
+    raise_degree,
+    repair as repaired,
+)
 from ..reference import lagrange_basis, lagrange_nodes
 from ._npz import NpzError, read_npz
 from ._obj import parse_obj
 from ._off import parse_off
 from ._ply_read import parse_ply
-from ._repair import merge_vertices, orient
 from ._source import read_bytes
 from ._stl import parse_stl
 
@@ -88,14 +95,29 @@ def _raw(source: Any, max_bytes: int) -> _Raw:
     )
 
 
-def _raise_if_bad(name: str, report: SurfaceReport) -> None:
+class Reading(NamedTuple):
+    """A surface that was read, with what the check says of it and what was repaired."""
+
+    name: str
+    """What was read, as messages call it."""
+    mesh: SurfaceMesh
+    x: Nodes
+    report: SurfaceReport
+    repairs: tuple[str, ...] = ()
+    """A sentence for everything that was done to the surface."""
+
+
+def _raise_if_bad(name: str, report: SurfaceReport, repairs: tuple[str, ...] = ()) -> None:
     if not report.ok:
-        raise SurfaceError(f"{name}: {report}", report)
+        done = f" (after repairs: {'; '.join(repairs)})" if repairs else ""
+        raise SurfaceError(f"{name}{done}: {report}", report)
 
 
-def _warn(name: str, report: SurfaceReport) -> None:
-    for finding in report.warnings:
-        warnings.warn(f"{name}: {finding}", SurfaceWarning, stacklevel=3)
+def _warn(reading: Reading) -> None:
+    for act in reading.repairs:
+        warnings.warn(f"{reading.name}: repaired: {act}.", SurfaceWarning, stacklevel=3)
+    for finding in reading.report.warnings:
+        warnings.warn(f"{reading.name}: {finding}", SurfaceWarning, stacklevel=3)
 
 
 def _refuse_overflow(name: str, vertices: Any) -> None:
@@ -111,26 +133,49 @@ def _refuse_overflow(name: str, vertices: Any) -> None:
         )
 
 
-def _flat(raw: _Raw, merge_tolerance: float | None, fix_orientation: bool, expected: dict):
+class _Repairs(NamedTuple):
+    """What may be done to a surface, as `read_surface` was asked."""
+
+    merge_tolerance: float | None
+    fix_orientation: bool
+    repair: bool
+    keep: Literal["largest"] | None
+
+    @property
+    def any(self) -> bool:
+        return self != (None, False, False, None)
+
+
+def _flat(raw: _Raw, repairs: _Repairs, expected: dict) -> Reading:
     """The triangulation as a mesh of degree 1, repaired as far as was asked for."""
-    vertices, faces = raw.x, raw.cells
+    vertices, faces, acts = raw.x, raw.cells, ()
     _refuse_overflow(raw.name, vertices)
     report = check_surface(vertices, faces, **expected)
-    if not report.ok and (merge_tolerance is not None or fix_orientation):
+    if not report.ok and repairs.any:
         if _HOPELESS & set(report.kinds):
             _raise_if_bad(raw.name, report)
-        vertices, faces = np.asarray(vertices, np.float64), np.asarray(faces, np.int64)
-        if merge_tolerance is not None:
-            vertices, faces = merge_vertices(vertices, faces, merge_tolerance)
-        if fix_orientation:
-            faces = orient(vertices, faces)
+        try:
+            vertices, faces, acts = repaired(
+                vertices,
+                faces,
+                merge=repairs.merge_tolerance,
+                collapsed=repairs.repair,
+                repeated=repairs.repair,
+                keep=repairs.keep,
+                components=expected["components"],
+                unused=repairs.repair,
+                outward=repairs.repair or repairs.fix_orientation,
+            )
+        except SurfaceError as error:
+            raise SurfaceError(f"{raw.name}: {error}", error.report) from error
         report = check_surface(vertices, faces, **expected)
-    _raise_if_bad(raw.name, report)
+    _raise_if_bad(raw.name, report, acts)
     x = np.asarray(vertices, dtype=np.float64)
-    return report, SurfaceMesh(np.asarray(faces, np.int64), 1, len(x)), jnp.asarray(x)
+    mesh = SurfaceMesh(np.asarray(faces, np.int64), 1, len(x))
+    return Reading(raw.name, mesh, jnp.asarray(x), report, acts)
 
 
-def _curved(raw: _Raw, expected: dict) -> tuple[SurfaceReport, SurfaceMesh, Nodes]:
+def _curved(raw: _Raw, repairs: _Repairs, expected: dict) -> Reading:
     """A surface of degree 2 to 4 as this package wrote it."""
     x = np.asarray(raw.x)
     if x.ndim != 2 or x.shape[1] != 3 or x.dtype.kind != "f":
@@ -141,8 +186,14 @@ def _curved(raw: _Raw, expected: dict) -> tuple[SurfaceReport, SurfaceMesh, Node
     except ValueError as error:
         raise SurfaceError(f"{raw.name}: {error}") from error
     report = check_mesh(mesh, x, **expected)
+    if repairs.any and not report.ok:
+        raise SurfaceError(
+            f"{raw.name}: {report}\nNothing was repaired: only flat triangles are, and these have "
+            f"degree {raw.degree}.",
+            report,
+        )
     _raise_if_bad(raw.name, report)
-    return report, mesh, jnp.asarray(x, dtype=np.float64)
+    return Reading(raw.name, mesh, jnp.asarray(x, dtype=np.float64), report)
 
 
 def _change_degree(
@@ -161,22 +212,58 @@ def _change_degree(
     return new, jnp.asarray(on_nodes)
 
 
+def examine_surface(
+    source: Any,
+    degree: int | None = None,
+    merge_tolerance: float | None = None,
+    fix_orientation: bool = False,
+    repair: bool = False,
+    keep: Literal["largest"] | None = None,
+    components: int = 1,
+    genus: int | None = None,
+    max_bytes: int = 2**30,
+) -> Reading:
+    """As `read_surface`, but report and repairs are returned, and nothing is warned of."""
+    if degree is not None and (isinstance(degree, bool) or degree not in (1, 2, 3, 4)):
+        raise ValueError(f"`degree` must be 1, 2, 3 or 4; got {degree!r}.")
+    if merge_tolerance is not None and not (merge_tolerance >= 0 and np.isfinite(merge_tolerance)):
+        raise ValueError(f"`merge_tolerance` must be a length >= 0; got {merge_tolerance}.")
+    if keep not in (None, "largest"):
+        raise ValueError(f'`keep` must be "largest" or None; got {keep!r}.')
+    raw = _raw(source, max_bytes)
+    expected = {"components": components, "genus": genus}
+    repairs = _Repairs(merge_tolerance, fix_orientation, repair, keep)
+    if raw.degree > 1:
+        reading = _curved(raw, repairs, expected)
+        wanted = reading.mesh.degree if degree is None else degree
+        mesh, x = _change_degree(reading.mesh, reading.x, wanted)
+    else:
+        reading = _flat(raw, repairs, expected)
+        mesh, x = reading.mesh, reading.x
+        if degree is not None and degree > 1:
+            mesh, x = raise_degree(mesh, x, degree)
+    return reading._replace(mesh=mesh, x=x)
+
+
 def read_surface(
     source: Any,
     degree: int | None = None,
     merge_tolerance: float | None = None,
     fix_orientation: bool = False,
+    repair: bool = False,
+    keep: Literal["largest"] | None = None,
     components: int = 1,
     genus: int | None = None,
     max_bytes: int = 2**30,
 ) -> tuple[SurfaceMesh, Nodes]:
     """Read a closed surface, check it, and raise it to a polynomial degree.
 
-    Nothing is repaired silently: a surface with holes, flipped or duplicate faces, unmerged or
-    unused vertices and the like (`jaxwillmore.mesh.check_surface` has the list) is an error that
-    names the places. Coordinates are kept as they are, whatever the unit of length; numbers in
-    single precision (binary PLY and STL usually hold nothing better) are converted to double.
-    Formats, in the order of preference: NPZ (exact, any degree), PLY, OFF, OBJ, STL.
+    Nothing is repaired unless asked for, and then every act is told: a surface with holes, flipped
+    or duplicate faces, unmerged or unused vertices and the like (`jaxwillmore.mesh.check_surface`
+    has the list) is an error that names the places. Coordinates are kept as they are, whatever the
+    unit of length; numbers in single precision (binary PLY and STL usually hold nothing better) are
+    converted to double. Formats, in the order of preference: NPZ (exact, any degree), PLY, OFF, OBJ,
+    STL.
 
     STL files hold loose triangles. For them alone, corners at *exactly* the same place become one
     vertex by default, because without it no STL file is a surface.
@@ -191,6 +278,9 @@ def read_surface(
     - `merge_tolerance`: make one vertex of vertices at most this far apart (same unit as the
         coordinates).
     - `fix_orientation`: turn faces over until all point outwards.
+    - `repair`: drop faces that name a vertex twice, repeated faces and vertices without a face, and
+        turn faces over until all point outwards, as `jaxwillmore.mesh.repair` does.
+    - `keep`: `"largest"` keeps the `components` pieces with the largest areas.
     - `components`: how many separate pieces there should be.
     - `genus`: how many handles there should be, if that is known.
     - `max_bytes`: refuse larger files.
@@ -199,24 +289,22 @@ def read_surface(
 
     **Raises:** `jaxwillmore.mesh.SurfaceError` (a `ValueError`) saying which file, what is wrong,
     where, and what to do; `FileNotFoundError`; `IsADirectoryError`; `TypeError` for other sources.
-    Warns with `SurfaceWarning` about what may be wrong but can be used.
+    Warns with `SurfaceWarning` about what may be wrong but can be used, and tells every repair so.
 
     ```python
     mesh, x = jw.io.read_surface("cell.ply", degree=2)
     ```
     """
-    if degree is not None and (isinstance(degree, bool) or degree not in (1, 2, 3, 4)):
-        raise ValueError(f"`degree` must be 1, 2, 3 or 4; got {degree!r}.")
-    if merge_tolerance is not None and not (merge_tolerance >= 0 and np.isfinite(merge_tolerance)):
-        raise ValueError(f"`merge_tolerance` must be a length >= 0; got {merge_tolerance}.")
-    raw = _raw(source, max_bytes)
-    expected = {"components": components, "genus": genus}
-    if raw.degree > 1:
-        report, mesh, x = _curved(raw, expected)
-        mesh, x = _change_degree(mesh, x, mesh.degree if degree is None else degree)
-    else:
-        report, mesh, x = _flat(raw, merge_tolerance, fix_orientation, expected)
-        if degree is not None and degree > 1:
-            mesh, x = raise_degree(mesh, x, degree)
-    _warn(raw.name, report)
-    return mesh, x
+    reading = examine_surface(
+        source,
+        degree,
+        merge_tolerance,
+        fix_orientation,
+        repair,
+        keep,
+        components,
+        genus,
+        max_bytes,
+    )
+    _warn(reading)
+    return reading.mesh, reading.x

@@ -18,6 +18,7 @@ from ._refine import (
     raise_degree as raise_degree,
     refine as refine,
 )
+from ._repair import Repaired as Repaired, repair as repair
 from ._report import (
     Finding as Finding,
     SurfaceError as SurfaceError,

@@ -8,6 +8,17 @@ from ._report import Finding, Severity
 _SHOWN = 10
 
 
+def remedy(python: str, case: str, check: str) -> str:
+    """How the same is asked for in Python, in a case file and on the command line."""
+    return (
+        f"`{python}` when reading in Python, `{case}` in [surface] of a case file, or "
+        f"`jaxwillmore check MESH {check}`"
+    )
+
+
+REPAIR = remedy("repair=True", "repair = true", "--repair OUT.ply")
+
+
 def finding(kind, indices, message, advice, *, count=None, severity: Severity = "error") -> Finding:
     """A finding about the given indices, worst first; the first ten are kept."""
     indices = np.asarray(indices)

@@ -5,7 +5,7 @@ from jaxtyping import Float, Int
 from scipy.spatial import KDTree
 
 from ._adjacency import Edges, Triangles
-from ._arrays import finding
+from ._arrays import REPAIR, finding, remedy
 from ._intersections import piercing_faces, winding_number
 from ._quality import areas, corner_angles, edge_lengths, quality_of
 from ._report import Finding
@@ -29,6 +29,7 @@ _TOUCHING = 1e-3  # distance over median edge below which two vertices look like
 _FAR = 1e7  # distance from the origin over median edge that costs half of the digits
 _SCALES = (1e-5, 1e5)
 _MOST_COMPONENTS = 50  # nesting is tested pair by pair
+_ORIENT = remedy("fix_orientation=True", "fix_orientation = true", "--repair OUT.ply")
 
 
 def faces_by_themselves(triangles: Triangles, n_vertices: int) -> list[Finding]:
@@ -36,18 +37,19 @@ def faces_by_themselves(triangles: Triangles, n_vertices: int) -> list[Finding]:
     unused = unused_vertices(triangles, n_vertices)
     if len(unused):
         text = "These vertices belong to no face."
-        advice = "Remove them: a node without a triangle makes the mass matrix singular."
+        advice = f"Drop them, for a node without a triangle makes matrices singular: {REPAIR}."
         found.append(finding("unreferenced_vertices", unused, text, advice))
     repeated = repeated_corners(triangles)
     if np.any(repeated):
         text = "These faces name the same vertex twice."
-        advice = "Remove them, or collapse the edge they come from."
+        advice = f"Drop them: {REPAIR}."
         found.append(finding("degenerate_faces", np.flatnonzero(repeated), text, advice))
     proper = np.flatnonzero(~repeated)
     duplicate = proper[repeats_of_faces(triangles[proper])] if len(proper) else proper
     if len(duplicate):
         text = "These faces have the same three vertices as an earlier face."
-        found.append(finding("duplicate_faces", duplicate, text, "Remove the repetitions."))
+        advice = f"Drop the repetitions: {REPAIR}."
+        found.append(finding("duplicate_faces", duplicate, text, advice))
     return found
 
 
@@ -83,7 +85,12 @@ def unmerged(points: Points, triangles: Triangles, edge: Edges) -> list[Finding]
             f"These vertices on open edges lie within {largest:.2g} of another vertex: "
             "what should be one vertex is listed several times."
         )
-        advice = f"Merge them, for example with `merge_tolerance={tolerance:.1g}` when reading."
+        how = remedy(
+            f"merge_tolerance={tolerance:.1g}",
+            f"merge_tolerance = {tolerance:.1g}",
+            f"--merge-tolerance {tolerance:.1g} --repair OUT.ply",
+        )
+        advice = f"Merge them: {how}."
         found.append(finding("unmerged_vertices", used[is_open], text, advice))
     rest = is_close & ~is_open
     if np.any(rest):
@@ -99,7 +106,10 @@ def how_faces_join(triangles: Triangles, number: FaceNumbers, edge: Edges) -> li
     open_edges = edge.vertices[edge.n_cells == 1]
     if len(open_edges):
         text = "These edges have only one face: the surface has holes."
-        advice = "Close the holes; only closed surfaces can be simulated."
+        advice = (
+            "Close the holes, as MeshLab's 'Close Holes' does: only closed surfaces can be used. "
+            "Where a vertex is listed several times, merge first."
+        )
         found.append(finding("open_edges", open_edges, text, advice))
     crowded = edge.vertices[edge.n_cells > 2]
     if len(crowded):
@@ -123,7 +133,7 @@ def how_faces_join(triangles: Triangles, number: FaceNumbers, edge: Edges) -> li
             "These faces are turned against the others: both faces at an edge run through it in "
             f"the same direction, which happens at {torn} edges."
         )
-        advice = "Flip them, for example with `fix_orientation=True` when reading."
+        advice = f"Flip them: {_ORIENT}."
         faces = number[turned.is_flipped]
         found.append(finding("inconsistent_orientation", faces, text, advice))
     return found
@@ -145,7 +155,9 @@ def expectations(
             f"The surface has {pieces} separate pieces instead of {components}; one vertex of each "
             "is listed, smallest piece first."
         )
-        advice = "Keep the piece you want, or say how many there should be with `components`."
+        largest = remedy('keep="largest"', 'keep = "largest"', "--keep largest --repair OUT.ply")
+        many = remedy(f"components={pieces}", f"components = {pieces}", f"--components {pieces}")
+        advice = f"Keep the largest: {largest}. Or say how many there should be: {many}."
         vertices = triangles[first[order], 0]
         more.append(finding("several_components", vertices, text, advice, count=pieces))
     if genus is not None and not any(f.kind == "open_edges" for f in found):
@@ -171,7 +183,7 @@ def shape(points: Points, triangles: Triangles, number: FaceNumbers, edge: Edges
     if np.any(flat):
         worst = number[np.flatnonzero(flat)[np.argsort(area[flat])]]
         text = "These faces have three vertices on a line: their area is zero."
-        advice = "Remove them, or move a vertex off the line."
+        advice = "Move a vertex off the line, or remesh there."
         more.append(finding("degenerate_faces", worst, text, advice))
     smallest = angle.min(axis=1)
     needle = (smallest < NEEDLE_ANGLE) & ~flat
@@ -238,7 +250,7 @@ def _sides(points: Points, triangles: Triangles, corners, number) -> list[Findin
             f"The surface, or a piece of it, encloses the negative volume "
             f"{volume[inward].sum():.4g}: its normals point inward. One face of each is listed."
         )
-        advice = "Reverse the faces, for example with `fix_orientation=True` when reading."
+        advice = f"Reverse the faces: {_ORIENT}."
         found.append(finding("inward_orientation", first, text, advice, count=len(inward)))
     nested = []
     for outer in range(n if 1 < n <= _MOST_COMPONENTS else 0):
@@ -252,7 +264,8 @@ def _sides(points: Points, triangles: Triangles, corners, number) -> list[Findin
                     nested.append(int(triangles[at, 0]))
     if nested:
         text = "A piece of the surface lies inside another one; one vertex of each is listed."
-        advice = "Keep the outer piece only: enclosed volume has no meaning otherwise."
+        how = remedy('keep="largest"', 'keep = "largest"', "--keep largest --repair OUT.ply")
+        advice = f"Keep the outer piece only, or no volume is enclosed: {how}."
         found.append(finding("nested_components", nested, text, advice))
     return found
 

@@ -174,11 +174,13 @@ def soup(noise=0.0):
 def test_a_soup_is_merged_on_request_and_else_refused():
     with pytest.raises(SurfaceError, match="merge_tolerance"):
         read_surface(soup())
-    mesh, x = read_surface(soup(), merge_tolerance=0.0)
+    with pytest.warns(SurfaceWarning, match="repaired: made one .* 198 fewer"):
+        mesh, x = read_surface(soup(), merge_tolerance=0.0)
     assert mesh.n_nodes == len(V)
     with pytest.raises(SurfaceError, match="merge_tolerance"):
         read_surface(soup(1e-7))
-    mesh, x = read_surface(soup(1e-7), merge_tolerance=1e-6)
+    with pytest.warns(SurfaceWarning, match="repaired"):
+        mesh, x = read_surface(soup(1e-7), merge_tolerance=1e-6)
     assert (mesh.n_nodes, mesh.euler_characteristic) == (len(V), 2)
 
 
@@ -186,8 +188,9 @@ def test_the_advice_about_a_soup_can_be_followed(tmp_path):
     with pytest.raises(SurfaceError) as caught:
         read_surface(soup(1e-7))
     numbers = re.findall(r"merge_tolerance=([-+.0-9e]+[0-9])", str(caught.value))
-    if numbers:  # a number is suggested
-        assert read_surface(soup(1e-7), merge_tolerance=float(numbers[0]))[0].n_nodes == len(V)
+    with pytest.warns(SurfaceWarning, match="repaired"):
+        mesh, _ = read_surface(soup(1e-7), merge_tolerance=float(numbers[0]))
+    assert mesh.n_nodes == len(V)
 
 
 @pytest.mark.parametrize("which", ["one", "all", "random"])
@@ -200,7 +203,8 @@ def test_orientation_is_fixed_on_request_and_else_refused(which):
     faces = np.where(turn[:, None], F[:, ::-1], F)
     with pytest.raises(SurfaceError):
         read_surface((V, faces))
-    mesh, x = read_surface((V, faces), fix_orientation=True)
+    with pytest.warns(SurfaceWarning, match="turned faces over"):
+        mesh, x = read_surface((V, faces), fix_orientation=True)
     a, b, c = np.moveaxis(np.array(x)[np.array(mesh.cells)], 1, 0)
     assert np.sum(a * np.cross(b, c)) > 0
 
