@@ -1,7 +1,7 @@
 """Willmore and Canham–Helfrich flows of closed surfaces: evolving surface finite elements in JAX.
 
-Importing the package switches JAX to 64-bit floats: fourth-order flows need them. Subpackages are
-imported when they are first used.
+Importing the package switches JAX to 64-bit floats: fourth-order flows need them. Subpackages, and
+JAX with them, are imported when they are first used.
 
 ```python
 import jaxwillmore as jw
@@ -12,9 +12,9 @@ solution = jw.evolve.evolve(jw.flows.WillmoreFlow(), mesh, x, t1=5.0)
 """
 
 import importlib
+import os as _os
+import sys as _sys
 from typing import TYPE_CHECKING
-
-import jax as _jax
 
 from ._version import __version__ as __version__
 
@@ -40,7 +40,11 @@ if TYPE_CHECKING:
         verify as verify,
     )
 
-_jax.config.update("jax_enable_x64", True)
+if "jax" in _sys.modules:
+    _sys.modules["jax"].config.update("jax_enable_x64", True)
+else:
+    # What JAX reads when it is imported, which takes a second that `--help` does not need.
+    _os.environ["JAX_ENABLE_X64"] = "1"
 
 _SUBPACKAGES = (
     "cases",

@@ -1,7 +1,6 @@
 """The command `jaxwillmore`: parse, call, print; no mathematics."""
 
 import argparse
-import io
 import os
 import sys
 import warnings
@@ -9,37 +8,28 @@ from collections.abc import Callable, Sequence
 from typing import Any
 
 from ._cache import keep_compiled
-from ._interrupts import catch_interrupts
+from ._closing import branch_closing, equilibrium_closing, flow_closing, progress_words
+from ._console import lasting_output
+from ._interrupts import catch_interrupts, exit_status, signals_answered
 from ._version import __version__
 
-OK, FAILED, BAD_INPUT, INTERRUPTED = 0, 1, 2, 130
+OK, FAILED, BAD_INPUT = 0, 1, 2
 
 _EPILOG = (
     "Exit status: 0 success; 1 the run failed, or the mesh is not sound; 2 the case, a file name "
-    "or the command line is wrong; 130 interrupted. On Ctrl-C or SIGTERM, run, equilibrium, branch "
-    "and fit stop after the step in progress and keep what they have; a second one ends at once."
+    "or the command line is wrong; 130 after Ctrl-C, 143 after SIGTERM or SIGHUP. On these, run, "
+    "equilibrium, branch and fit stop after the step in progress and keep what they have; a second "
+    "one ends at once."
 )
 
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Run the command line `argv` (default: that of the process) and return the exit status."""
-    for stream in (sys.stdout, sys.stderr):
-        if isinstance(stream, io.TextIOWrapper):
-            stream.reconfigure(errors="replace")  # a terminal without ρ must not end a run
-    args = _parser().parse_args(argv)
-    with warnings.catch_warnings():
+    with signals_answered(), lasting_output(), warnings.catch_warnings():
+        args = _parser().parse_args(argv)
         warnings.simplefilter("default", UserWarning)
         warnings.showwarning = _show_warning
-        try:
-            status = args.command(args)
-            sys.stdout.flush()
-            return status
-        except KeyboardInterrupt:
-            return _complain("interrupted", INTERRUPTED)
-        except BrokenPipeError:
-            # The reader of our output is gone; keep the interpreter from flushing into the pipe.
-            os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
-            return FAILED
+        return args.command(args)
 
 
 def _parser() -> argparse.ArgumentParser:
@@ -60,9 +50,7 @@ def _parser() -> argparse.ArgumentParser:
         run.add_argument(
             "case", metavar="CASE.toml", help="a case file, or example:NAME for one of the examples"
         )
-        run.add_argument(
-            "--out", required=True, metavar="DIR", help="folder for everything it leaves"
-        )
+        _add_out(run, "folder for everything it leaves")
         run.add_argument(
             "--replace", action="store_true", help="replace the files of an earlier run in DIR"
         )
@@ -70,7 +58,7 @@ def _parser() -> argparse.ArgumentParser:
         run.set_defaults(command=command)
 
     check = commands.add_parser("check", help="say what is wrong with a mesh", epilog=_EPILOG)
-    check.add_argument("mesh", metavar="MESH", help="a file .ply .off .obj .stl .npz")
+    _add_check_options(check)
     check.set_defaults(command=_check)
 
     shapes = commands.add_parser("shapes", help="list shapes and their parameters")
@@ -82,12 +70,38 @@ def _parser() -> argparse.ArgumentParser:
     return parser
 
 
+def _add_check_options(check) -> None:
+    check.add_argument("mesh", metavar="MESH", help="a file .ply .off .obj .stl .npz .vtu")
+    for name, kind, words in (
+        ("--repair", str, "write the mesh here (.ply, .npz), without unused vertices, collapsed "
+         "or repeated faces, normals turned out"),
+        ("--merge-tolerance", float, "make one vertex of vertices closer than this"),
+        ("--components", int, "how many separate pieces there should be (default: 1)"),
+        ("--genus", int, "how many handles there should be"),
+    ):  # fmt: skip
+        metavar = {str: "OUT", float: "LENGTH", int: "N"}[kind]
+        check.add_argument(name, type=kind, metavar=metavar, help=words)
+    check.add_argument("--keep", choices=["largest"], help="keep so many of the largest pieces")
+
+
+def _add_out(parser, words: str, required: bool = True) -> None:
+    parser.add_argument("--out", required=required, metavar="DIR", type=_folder_name, help=words)
+
+
+def _folder_name(text: str) -> str:
+    if not text.strip():
+        raise argparse.ArgumentTypeError(
+            f"needs the name of a folder (`.` is the current one); got {text!r}"
+        )
+    return text
+
+
 def _add_verify(commands) -> None:
     verify = commands.add_parser("verify", help="check the mathematics", epilog=_EPILOG)
     subjects = verify.add_subparsers(required=True, metavar="SUBJECT")
     text = "derivatives of all energies by a shape, by autodiff against their formulas"
     subject = subjects.add_parser("shape-derivative", help=text, description=text, epilog=_EPILOG)
-    subject.add_argument("--out", metavar="DIR", help="folder for tables (CSV) and a picture")
+    _add_out(subject, "folder for tables (CSV) and a picture", required=False)
     subject.add_argument(
         "--levels",
         type=int,
@@ -105,7 +119,7 @@ def _add_fit(commands) -> None:
     fit.add_argument(
         "case", metavar="CASE.toml", help="a case with [target], or example:NAME for an example"
     )
-    fit.add_argument("--out", required=True, metavar="DIR", help="folder for everything it leaves")
+    _add_out(fit, "folder for everything it leaves")
     how = fit.add_mutually_exclusive_group()
     how.add_argument(
         "--replace",
@@ -138,25 +152,29 @@ def _doctor(args: argparse.Namespace) -> int:
 def _run(args: argparse.Namespace) -> int:
     from .cases import run_case
 
-    return _computed(args, "run", run_case, _flow_closing)
+    return _computed(args, "run", run_case, flow_closing)
 
 
 def _equilibrium(args: argparse.Namespace) -> int:
     from .cases import run_equilibrium
 
-    return _computed(args, "equilibrium", run_equilibrium, _equilibrium_closing)
+    return _computed(args, "equilibrium", run_equilibrium, equilibrium_closing)
 
 
 def _branch(args: argparse.Namespace) -> int:
     from .cases import run_branch
 
-    return _computed(args, "branch", run_branch, _branch_closing)
+    return _computed(args, "branch", run_branch, branch_closing)
 
 
-@catch_interrupts()
 def _computed(args: argparse.Namespace, command: Any, compute: Any, closing: Any) -> int:
     """Load a case, compute, say how it ended; the exit status."""
     keep_compiled()
+    with catch_interrupts():
+        return _caught(args, command, compute, closing)
+
+
+def _caught(args: argparse.Namespace, command: Any, compute: Any, closing: Any) -> int:
     from .cases import CaseError, load_case
     from .evolve import TextProgressMeter
     from .io import RunFolderError
@@ -189,14 +207,20 @@ def _computed(args: argparse.Namespace, command: Any, compute: Any, closing: Any
         print(f"written to {run.folder}")
     status = run.summary["status"]
     if status == "interrupted":
-        return _complain(run.summary["message"], INTERRUPTED)
+        return _complain(run.summary["message"], exit_status())
     return OK if run.succeeded else _complain(run.summary["message"], FAILED)
 
 
-@catch_interrupts()
 def _fit(args: argparse.Namespace) -> int:
+    from .cases import run_fit
+
     keep_compiled()
-    from .cases import CaseError, load_fit, run_fit
+    with catch_interrupts():
+        return _fitted(args, run_fit)
+
+
+def _fitted(args: argparse.Namespace, run_fit: Any) -> int:
+    from .cases import CaseError, load_fit
     from .io import RunFolderError
     from .mesh import SurfaceError
 
@@ -221,28 +245,24 @@ def _fit(args: argparse.Namespace) -> int:
             print(f"{name}: {low:.6g} to {high:.6g} (95 %)")
         print("\n".join([*summary["in_words"], f"written to {run.folder}"]))
     if summary["status"] == "interrupted":
-        return _complain(summary["message"], INTERRUPTED)
+        return _complain(summary["message"], exit_status())
     return OK if run.succeeded else _complain(summary["message"], FAILED)
 
 
 def _check(args: argparse.Namespace) -> int:
-    from .cases import CaseError, example_path, is_example
-    from .io import read_surface
-    from .mesh import SurfaceError, check_mesh
+    from .cases import CaseError, check_file
+    from .mesh import SurfaceError
 
+    names = ("merge_tolerance", "keep", "components", "genus")
+    options = {name: getattr(args, name) for name in names if getattr(args, name) is not None}
     try:
-        path = example_path(args.mesh) if is_example(args.mesh) else args.mesh
-        with warnings.catch_warnings():
-            warnings.simplefilter("ignore")  # what they would say stands in the report
-            mesh, x = read_surface(path)
+        print(check_file(args.mesh, args.repair, **options))
+        return OK
     except SurfaceError as error:
         print(error)
         return FAILED
-    except (CaseError, OSError) as error:
+    except (CaseError, OSError, ValueError) as error:
         return _complain(error, BAD_INPUT)
-    print(f"{path}: degree {mesh.degree}, {mesh.n_nodes} nodes, genus {mesh.genus}")
-    print(check_mesh(mesh, x))
-    return OK
 
 
 def _shapes(args: argparse.Namespace) -> int:
@@ -304,78 +324,7 @@ def _plain(value: object) -> str:
 
 def _shown_by(meter) -> Callable[[dict[str, Any]], None]:
     """What is called with the record of every step, point or iteration."""
-    return lambda record: meter.update(_progress_words(record))
-
-
-def _progress_words(record: dict[str, Any]) -> str:
-    """A line about a time step, a pseudo-time step, or a point of a branch."""
-    if "t" in record:
-        from .evolve import progress_text
-
-        return progress_text(record)
-    if "tau" in record:
-        return (
-            f"pseudo-time step {record['step']:3d}  tau {record['tau']:.2e}  "
-            f"E/8πκ {record['energy_over_8pi_kappa']:.6g}  "
-            f"moved {record['largest_displacement']:.2e}"
-            f"{'' if record['accepted'] else '  rejected'}"
-        )
-    (parameter, value), energy = list(record.items())[1], record["bending_over_8pi_kappa"]
-    return (
-        f"point {record['point']:4d}  {parameter} {value:.6g}  E/8πκ {energy:.6g}  "
-        f"negative directions {record['negative_directions']:.0f}  "
-        f"angle >= {record['min_angle']:.1f}"
-    )
-
-
-def _flow_closing(summary: dict[str, Any]) -> str:
-    energy, phase = f"half of the integral of H^2: {summary['willmore']:.8g}", ""
-    if summary.get("phase"):
-        energy, phase = f"energy {summary['energy']:.8g}", f"\n{_phase_words(summary['phase'])}"
-    return (
-        f"{summary['status']} at t = {summary['t']:.6g} after {summary['steps']} steps "
-        f"({summary['rejected_steps']} rejected, {summary['wall_seconds']:.1f} s)\n"
-        f"{energy}, area {summary['area']:.6g}, "
-        f"volume {summary['volume']:.6g}, reduced volume {summary['reduced_volume']:.6f}{phase}"
-    )
-
-
-def _phase_words(phase: dict[str, Any]) -> str:
-    return (
-        f"concentration from {phase['smallest']:.4g} to {phase['largest']:.4g}, mean "
-        f"{phase['mean']:.6g}, {phase['domains']} domains with c > 1/2, length of c = 1/2 "
-        f"{phase['interface_length']:.6g}"
-    )
-
-
-def _equilibrium_closing(summary: dict[str, Any]) -> str:
-    return (
-        f"{summary['status']} after {summary['steps']} pseudo-time steps "
-        f"({summary['wall_seconds']:.1f} s)\n{_shape_words(summary)}"
-    )
-
-
-def _branch_closing(summary: dict[str, Any]) -> str:
-    end, name = summary["ended_at"], summary["parameter"]
-    where = "" if end is None else f" at {name} = {end[name]:.6g}"
-    events = "".join(f"\npoint {e['point']}: {e['event']}" for e in summary["events"])
-    return (
-        f"{summary['status']}{where} after {summary['points']} points "
-        f"({summary['wall_seconds']:.1f} s){events}\nlast: {_shape_words(summary)}"
-    )
-
-
-def _shape_words(summary: dict[str, Any]) -> str:
-    negative, of = summary["negative_directions"], summary["multipliers"]
-    stable = "stability not known" if negative is None else f"{negative} negative directions"
-    energy, phase = f"E/8πκ {summary['bending_over_8pi_kappa']:.8g}", ""
-    if summary.get("phase"):
-        energy, phase = f"energy {summary['energy']:.8g}", f"\n{_phase_words(summary['phase'])}"
-    return (
-        f"{energy}, reduced volume "
-        f"{summary['reduced_volume']:.6f}, {stable}, tension {of['tension']:.6g}, "
-        f"pressure {of['pressure']:.6g}{phase}"
-    )
+    return lambda record: meter.update(progress_words(record))
 
 
 def _refused(error: object, ways: str) -> int:

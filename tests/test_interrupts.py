@@ -6,10 +6,14 @@ import threading
 
 import pytest
 
-from jaxwillmore._interrupts import catch_interrupts, interrupted
+from jaxwillmore._interrupts import catch_interrupts, exit_status, interrupted, signals_answered
+
+NUMBERS = [signal.SIGINT, signal.SIGTERM]
+if os.name != "nt":
+    NUMBERS.append(signal.SIGHUP)
 
 
-@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+@pytest.mark.parametrize("number", NUMBERS)
 def test_the_first_signal_sets_a_flag_and_the_second_acts(number):
     received = []
     before = signal.signal(number, lambda *_: received.append("old handler"))
@@ -68,3 +72,30 @@ def test_outside_the_main_thread_signals_are_left_alone():
     thread.start()
     thread.join()
     assert answers == [False] and signal.getsignal(signal.SIGINT) is handler
+
+
+@pytest.mark.parametrize("number", NUMBERS)
+def test_the_status_of_a_command_says_which_signal_ended_it(number):
+    assert exit_status() == 130
+    with catch_interrupts():
+        os.kill(os.getpid(), number)
+        assert exit_status() == (130 if number == signal.SIGINT else 143)
+
+
+@pytest.mark.parametrize("number", NUMBERS)
+def test_a_signal_that_is_ignored_stays_so(number):
+    """As SIGHUP after `nohup`, and SIGINT in the background of a script."""
+    before = signal.signal(number, signal.SIG_IGN)
+    try:
+        with signals_answered(), catch_interrupts() as arrived:
+            os.kill(os.getpid(), number)
+            assert not arrived() and signal.getsignal(number) is signal.SIG_IGN
+    finally:
+        signal.signal(number, before)
+
+
+def test_the_answers_of_a_command_end_with_it():
+    before = signal.getsignal(signal.SIGTERM)
+    with signals_answered():
+        assert signal.getsignal(signal.SIGTERM) is not before
+    assert signal.getsignal(signal.SIGTERM) is before

@@ -8,7 +8,7 @@ import pytest
 ROOT = pathlib.Path(__file__).parents[1] / "jaxwillmore"
 LAYERS = [
     {"_types", "_version"},
-    {"_interrupts", "_cache", "_functions", "_machine"},
+    {"_interrupts", "_cache", "_console", "_functions", "_machine"},
     {"reference"},
     {"mesh", "linalg"},
     {"fem"},
@@ -18,7 +18,7 @@ LAYERS = [
     {"flows", "schemes"},
     {"equilibria", "evolve"},
     {"shapes", "fit", "health", "io", "plot", "verify"},
-    {"sweep", "cases"},
+    {"sweep", "cases", "_closing"},
     {"cli", "__main__"},
 ]
 RANK = {name: rank for rank, names in enumerate(LAYERS) for name in names}

@@ -22,7 +22,8 @@ class TextProgressMeter:
 
     **Arguments:**
 
-    - `stream`: where it writes, a text stream; the standard output by default.
+    - `stream`: where it writes, a text stream; the standard output by default. Once it cannot be
+      written to (a full disk, a reader that went away), nothing is shown any more.
     - `interval`: least seconds between two lines; by default 0.1 on a terminal and 5 elsewhere.
 
     ```python
@@ -32,7 +33,8 @@ class TextProgressMeter:
 
     def __init__(self, stream: Any = None, interval: float | None = None):
         self._stream = sys.stdout if stream is None else stream
-        self._on_terminal = self._stream.isatty()
+        # Python has no standard output where it was closed before the start.
+        self._on_terminal = self._stream is not None and self._stream.isatty()
         usual = 0.1 if self._on_terminal else 5.0
         self._interval = usual if interval is None else interval
         self._width, self._shown_at = 0, -math.inf
@@ -45,12 +47,8 @@ class TextProgressMeter:
 
     def show(self, line: str) -> None:
         """Write a line now."""
-        if self._on_terminal:
-            self._stream.write("\r" + line.ljust(self._width))
-        else:
-            self._stream.write(line + "\n")
+        self._write("\r" + line.ljust(self._width) if self._on_terminal else line + "\n")
         self._width = len(line)
-        self._stream.flush()
 
     def note(self, line: str) -> None:
         """Write a line that stays, whatever is shown after it."""
@@ -67,6 +65,13 @@ class TextProgressMeter:
 
     def close(self) -> None:
         """Leave the line; what is written next starts a new one."""
-        if self._on_terminal and self._width:
-            self._stream.write("\n")
-        self._stream.flush()
+        self._write("\n" if self._on_terminal and self._width else "")
+
+    def _write(self, text: str) -> None:
+        if self._stream is None:
+            return
+        try:
+            self._stream.write(text)
+            self._stream.flush()
+        except OSError:
+            self._stream = None
