@@ -2,6 +2,7 @@
 
 from ._branch import CaseBranch as CaseBranch, run_branch as run_branch
 from ._case import Case as Case
+from ._check import check_file as check_file
 from ._doctor import diagnosis as diagnosis
 from ._energy_sections import (
     AreaDifferenceCase as AreaDifferenceCase,

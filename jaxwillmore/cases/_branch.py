@@ -103,6 +103,7 @@ def run_branch(
                 {"point": number, **health_of([warning])[0]}
                 for number, warning in recorder.health.values()
             ],
+            "repairs": list(start.repairs),
             "notes": notes_of(case),
             **provenance(time.perf_counter() - began),
         }

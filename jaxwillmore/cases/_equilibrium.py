@@ -96,6 +96,7 @@ def run_equilibrium(
             "newton_iterations": shape.stats["newton_iterations"],
             **end_of_equilibrium(case, shape, fields["H"], measures_of_start(case, start)),
             "health": health_of(found),
+            "repairs": list(start.repairs),
             "notes": notes_of(case),
             **provenance(time.perf_counter() - began),
         }

@@ -7,6 +7,7 @@ import tomllib
 from collections.abc import Mapping
 from typing import Any, Literal
 
+from ..io import wide_encoding
 from ..shapes import SHAPES
 from ._case import SECTIONS, Case
 from ._error import CaseError, is_nearly, shown, suggestion
@@ -56,6 +57,9 @@ def _content(path: pathlib.Path) -> str:
             data = file.read(_MAX_BYTES + 1)
         if len(data) > _MAX_BYTES:
             raise CaseError(f"is larger than {_MAX_BYTES} bytes; this is not a case file.")
+        encoding = wide_encoding(data)
+        if encoding is not None:
+            raise CaseError(f"is text in {encoding}; save it as UTF-8.")
         return data.decode("utf-8-sig")
     except UnicodeDecodeError as error:
         raise CaseError(f"is not a text file in UTF-8 (byte {error.start}).") from None

@@ -107,6 +107,7 @@ def run_case(
             **recorder.counts(solution.stats),
             **end_of_flow(case, start.mesh, last, rows),
             "health": health_of(found),
+            "repairs": list(start.repairs),
             **provenance(time.perf_counter() - began),
         }
         folder.write_summary(summary)

@@ -27,6 +27,7 @@ from ._rules import (
 )
 
 _MAX_FRAMES = 100_000
+_OF_FILES = ("merge_tolerance", "fix_orientation", "repair", "keep", "components", "genus")
 
 
 @typing.no_type_check
@@ -49,6 +50,17 @@ class SurfaceCase:
     )
     fix_orientation: bool = declare(
         flag("file only: turn triangles so that normals point out"), False
+    )
+    repair: bool = declare(
+        flag("file only: drop collapsed and repeated faces and unused vertices, turn normals out"),
+        False,
+    )
+    keep: str | None = declare(
+        optional(choice("file only: keep so many of the largest pieces", "largest")), None
+    )
+    components: int = declare(integer("file only: how many separate pieces there are", 1), 1)
+    genus: int | None = declare(
+        optional(integer("file only: refuse another number of handles", 0)), None
     )
     parameters: Mapping[str, Any] = dataclasses.field(default_factory=dict)
 
@@ -73,8 +85,9 @@ class SurfaceCase:
             hint = suggestion(shape, SHAPES)
             problem = f"no shape is called {shown(shape)}.{hint} Known shapes: {known}."
             raise CaseError(problem, section=self.name, key="shape", got=shape, allowed=known)
-        for key in ("merge_tolerance", "fix_orientation"):
-            if getattr(self, key) not in (None, False):
+        for field in dataclasses.fields(self):
+            key = field.name
+            if key in _OF_FILES and getattr(self, key) != field.default:
                 problem = "is for meshes from a file; leave it out together with `shape`."
                 raise CaseError(problem, section=self.name, key=key, got=getattr(self, key))
         defaults = shape_parameters(shape)
@@ -89,7 +102,7 @@ class SurfaceCase:
 
     def entries(self) -> list[tuple[str, object, str]]:
         """What a case file says in `[surface]`; keys for files only are left out with a shape."""
-        skip = set() if self.shape is None else {"merge_tolerance", "fix_orientation"}
+        skip = () if self.shape is None else _OF_FILES
         own = [entry for entry in entries(self) if entry[0] not in skip]
         meanings = {} if self.shape is None else SHAPES[self.shape].parameters
         return own + [(key, value, meanings[key].meaning) for key, value in self.parameters.items()]

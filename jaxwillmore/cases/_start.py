@@ -1,11 +1,12 @@
 """The surface a case starts from."""
 
+import warnings
 from typing import NamedTuple
 
 from jaxtyping import Array
 
 from .._types import Nodes
-from ..io import read_surface
+from ..io import SurfaceWarning, examine_surface
 from ..mesh import SurfaceMesh, quality, raise_degree, refine
 from ..shapes import make_shape
 from ._case import Case
@@ -21,6 +22,8 @@ class Start(NamedTuple):
     mesh: SurfaceMesh
     x: Nodes
     initial: dict[str, Array]
+    repairs: tuple[str, ...] = ()
+    """What was done to a surface from a file before it could be used."""
 
 
 def starting_surface(case: Case) -> Start:
@@ -34,7 +37,7 @@ def starting_surface(case: Case) -> Start:
     if case.phase is None:
         return start
     c = starting_concentration(case, start.mesh, start.x)
-    return Start(start.mesh, start.x, start.initial | {"c": c})
+    return start._replace(initial=start.initial | {"c": c})
 
 
 def _from_shape(surface: SurfaceCase) -> Start:
@@ -54,13 +57,22 @@ def _from_file(surface: SurfaceCase) -> Start:
     options = {
         "merge_tolerance": surface.merge_tolerance,
         "fix_orientation": surface.fix_orientation,
+        "repair": surface.repair,
+        "keep": surface.keep,
+        "components": surface.components,
+        "genus": surface.genus,
     }
-    mesh, x = read_surface(source, **options)
-    if mesh.degree > surface.degree:
-        mesh, x = read_surface(source, degree=surface.degree, **options)
+    reading = examine_surface(source, **options)
+    if reading.mesh.degree > surface.degree:
+        reading = examine_surface(source, degree=surface.degree, **options)
+    for act in reading.repairs:
+        warnings.warn(f"{reading.name}: repaired: {act}.", SurfaceWarning, stacklevel=4)
+    for finding in reading.report.warnings:
+        warnings.warn(f"{reading.name}: {finding}", SurfaceWarning, stacklevel=4)
+    mesh, x = reading.mesh, reading.x
     for _ in range(surface.level):
         mesh, x = refine(mesh, x)
-    return Start(*raise_degree(mesh, x, surface.degree), {})
+    return Start(*raise_degree(mesh, x, surface.degree), {}, reading.repairs)
 
 
 def _check_resolution(case: Case, start: Start) -> None:

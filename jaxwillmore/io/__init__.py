@@ -23,3 +23,4 @@ from ._read import (
 )
 from ._table import write_table as write_table
 from ._vtu import write_vtu as write_vtu
+from ._words import wide_encoding as wide_encoding

@@ -230,6 +230,10 @@ def examine_surface(
         raise ValueError(f"`merge_tolerance` must be a length >= 0; got {merge_tolerance}.")
     if keep not in (None, "largest"):
         raise ValueError(f'`keep` must be "largest" or None; got {keep!r}.')
+    if components < 1 or (genus is not None and genus < 0):
+        raise ValueError(
+            f"`components` must be 1 or more and `genus` 0 or more; got {components} and {genus}."
+        )
     raw = _raw(source, max_bytes)
     expected = {"components": components, "genus": genus}
     repairs = _Repairs(merge_tolerance, fix_orientation, repair, keep)
@@ -262,8 +266,8 @@ def read_surface(
     or duplicate faces, unmerged or unused vertices and the like (`jaxwillmore.mesh.check_surface`
     has the list) is an error that names the places. Coordinates are kept as they are, whatever the
     unit of length; numbers in single precision (binary PLY and STL usually hold nothing better) are
-    converted to double. Formats, in the order of preference: NPZ (exact, any degree), PLY, OFF, OBJ,
-    STL.
+    converted to double. Formats, in the order of preference: NPZ (exact, any degree), PLY, OFF,
+    OBJ, STL.
 
     STL files hold loose triangles. For them alone, corners at *exactly* the same place become one
     vertex by default, because without it no STL file is a surface.
