@@ -42,7 +42,7 @@ class SurfaceCase:
     name: ClassVar[str] = "surface"
 
     shape: str | None = declare(optional(text("generator; `jaxwillmore shapes` lists them")), None)
-    file: str | None = declare(optional(text("mesh: .ply .off .obj .stl .npz")), None)
+    file: str | None = declare(optional(text("mesh: .ply .off .obj .stl .npz .vtu")), None)
     level: int | None = declare(optional(integer("uniform refinements", 0, 7)), None)
     degree: int = declare(integer("polynomial degree of the triangles", 1, 4), 2)
     merge_tolerance: float | None = declare(

@@ -20,12 +20,14 @@ from ..mesh import (
     repair as repaired,
 )
 from ..reference import lagrange_basis, lagrange_nodes
+from ._neighbours import arrays_of
 from ._npz import NpzError, read_npz
 from ._obj import parse_obj
 from ._off import parse_off
 from ._ply_read import parse_ply
 from ._source import read_bytes
 from ._stl import parse_stl
+from ._vtu_read import parse_vtu
 
 _PARSERS = {"ply": parse_ply, "off": parse_off, "obj": parse_obj, "stl": parse_stl}
 _DEGREE = {3: 1, 6: 2, 10: 3, 15: 4}
@@ -83,16 +85,10 @@ def _raw(source: Any, max_bytes: int) -> _Raw:
         format, data = read_bytes(source, max_bytes)
         if format == "npz":
             return _from_npz(name, data, max_bytes)
+        if format == "vtu":
+            return _Raw(name, *parse_vtu(name, data))
         return _Raw(name, *_PARSERS[format](name, data))
-    if isinstance(source, (tuple, list)) and len(source) == 2:
-        return _Raw("(vertices, faces)", *source)
-    vertices, faces = getattr(source, "vertices", None), getattr(source, "faces", None)
-    if vertices is not None and faces is not None:  # trimesh.Trimesh and its kin
-        return _Raw(f"the {type(source).__name__}", np.asarray(vertices), np.asarray(faces))
-    raise TypeError(
-        "a surface is read from a path, a `trimesh.Trimesh`, or a pair (vertices, faces); got "
-        f"{type(source).__name__}."
-    )
+    return _Raw(*arrays_of(source))
 
 
 class Reading(NamedTuple):
@@ -274,11 +270,12 @@ def read_surface(
 
     **Arguments:**
 
-    - `source`: a path ending in .ply, .off, .obj, .stl or .npz; a `trimesh.Trimesh` (never
-        changed); or a pair (vertices, faces).
+    - `source`: a path ending in .ply, .off, .obj, .stl, .npz or .vtu (a frame of a run, in its
+        degree); a `trimesh.Trimesh`, `pyvista.PolyData` or `meshio.Mesh` (never changed); or
+        arrays (vertices, faces), as the first two that marching cubes return.
     - `degree`: 1 to 4. New nodes are put on a smooth curved surface through the vertices, not on
-        the flat triangles. Default: the degree in the file, which is 1 except for NPZ files
-        written by this package; those keep their own curved surface under a change of degree.
+        the flat triangles. Default: the degree in the file, which is 1 except for NPZ and VTU
+        files written by this package; those keep their own curved surface under a change of degree.
     - `merge_tolerance`: make one vertex of vertices at most this far apart (same unit as the
         coordinates).
     - `fix_orientation`: turn faces over until all point outwards.

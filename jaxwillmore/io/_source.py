@@ -8,7 +8,7 @@ from ..mesh import SurfaceError
 from ._off import begins_off
 from ._words import without_mark
 
-FORMATS = ("ply", "off", "obj", "stl", "npz")
+FORMATS = ("ply", "off", "obj", "stl", "npz", "vtu")
 
 
 def _sniff(data: bytes) -> str | None:
@@ -16,6 +16,8 @@ def _sniff(data: bytes) -> str | None:
     head = without_mark(data[:4096])
     if head.startswith(b"ply") and head[3:4].isspace():
         return "ply"
+    if head.lstrip().startswith((b"<?xml", b"<VTKFile")) and b"<VTKFile" in head:
+        return "vtu"
     if head.startswith(b"PK\x03\x04"):
         return "npz"
     if len(data) >= 84 and len(data) == 84 + 50 * int.from_bytes(data[80:84], "little"):

@@ -84,7 +84,7 @@ def clean_faces(source, n_vertices: int) -> tuple[Int[np.ndarray, "faces 3"] | N
         )
         advice = "Vertices are numbered from 0; negative numbers do not count from the end."
         return None, [finding("index_out_of_range", outside, problem, advice)]
-    return np.array(array, dtype=np.int64, order="C"), []
+    return array.astype(np.int64, order="C"), []
 
 
 def _numeric(source, what: str) -> tuple[np.ndarray, str | None]:
