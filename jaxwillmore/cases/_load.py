@@ -75,8 +75,8 @@ def _parsed(content: str) -> dict[str, Any]:
     try:
         # TOML allows CRLF; the parser wants it normalised, as reading in text mode does.
         return tomllib.loads(content.replace("\r\n", "\n"))
-    except (tomllib.TOMLDecodeError, RecursionError) as error:
-        raise CaseError(f"is not valid TOML: {error}.") from None
+    except (ValueError, RecursionError) as error:  # Python's own for numbers of too many digits
+        raise CaseError(f"is not valid TOML: {error!s:.200}.") from None
 
 
 def _case(tables: Mapping[str, Any], folder: pathlib.Path, command: str) -> Case:

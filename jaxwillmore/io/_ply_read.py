@@ -87,7 +87,8 @@ def _binary(name: str, data: bytes, header: Header):
     for element in header.elements:
         columns, start = _columns(name, data, start, header.order, element)
         if element.name == "vertex":
-            vertices = np.stack([columns[axis].astype(np.float64) for axis in "xyz"], axis=-1)
+            with np.errstate(invalid="ignore"):  # NaN of damaged files is named by the check
+                vertices = np.stack([columns[axis].astype(np.float64) for axis in "xyz"], axis=-1)
         elif element.name == "face":
             faces = next(columns[corners] for corners in CORNERS if corners in columns)
     return vertices, faces

@@ -54,7 +54,8 @@ def _binary(name: str, data: bytes, announced: int | None) -> np.ndarray:
     if announced == 0:
         raise SurfaceError(f"{name}: the surface is empty: no triangles.")
     table = np.frombuffer(data, _TABLE, count=announced, offset=_HEAD)
-    return table["corners"].reshape(-1, 3).astype(np.float64)
+    with np.errstate(invalid="ignore"):  # NaN of damaged files is named by the check
+        return table["corners"].reshape(-1, 3).astype(np.float64)
 
 
 def _text(name: str, text: str) -> np.ndarray:

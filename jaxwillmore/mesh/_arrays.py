@@ -48,7 +48,8 @@ def clean_vertices(source) -> tuple[Float[np.ndarray, "vertices 3"] | None, list
                 severity="warning",
             )
         )
-    return np.array(array, dtype=np.float64, order="C"), found
+    with np.errstate(invalid="ignore"):  # NaN is a finding of its own
+        return np.array(array, dtype=np.float64, order="C"), found
 
 
 def clean_faces(source, n_vertices: int) -> tuple[Int[np.ndarray, "faces 3"] | None, list[Finding]]:
