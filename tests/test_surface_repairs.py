@@ -188,6 +188,14 @@ def test_the_report_of_a_file_comes_without_warnings(folder):
     assert reading.report.ok and len(reading.repairs) == 1
 
 
+def test_a_case_file_that_cannot_be_read_is_all_that_is_spoken_of(tmp_path, capsys):
+    path = tmp_path / "a.toml"
+    path.write_text(f'[surface]\nshape = "sphere"\nlevel = {"9" * 5000}\n')
+    assert main(["run", str(path), "--out", str(tmp_path / "out")]) == 2
+    out, err = capsys.readouterr()
+    assert out == "" and err.count("\n") == 1 and "a.toml: is not valid TOML" in err
+
+
 def test_encodings_of_case_files_are_named(tmp_path):
     text = '[surface]\nshape = "sphere"\n[time]\nt1 = 0,01\n'
     (tmp_path / "a.toml").write_text(text)

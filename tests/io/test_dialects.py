@@ -38,6 +38,11 @@ def put(folder, name, content):
     return path
 
 
+def with_signalling_nan(data, at):
+    """One number in single precision that is no number, and traps when it is converted."""
+    return data[:at] + b"\x01\0\xa0\x7f" + data[at + 4 :]
+
+
 def two_solids():
     """Half of the faces each; only both together are closed."""
     return stl_text(V, F[:9]) + stl_text(V, F[9:]).replace("ball", "rest")
@@ -187,6 +192,20 @@ def test_what_is_wrong_is_said_in_one_line(tmp_path, name):
     message = str(caught.value)
     assert name in message and "\n" not in message and len(message) < 600
     assert re.search(words, message), message
+
+
+SINGLE = ply_bytes(V, F).replace(b"double", b"float")
+SINGLE = SINGLE.replace(V.astype("<f8").tobytes(), V.astype("<f4").tobytes())
+TRAPS = {
+    "a.stl": with_signalling_nan(stl_bytes(V, F), 84 + 12),
+    "a.ply": with_signalling_nan(SINGLE, SINGLE.index(b"end_header\n") + 11),
+}
+
+
+@pytest.mark.parametrize("name", TRAPS)
+def test_numbers_that_are_none_are_named_by_the_check(tmp_path, name):
+    with pytest.raises(SurfaceError, match="non_finite_coordinates"):
+        read_surface(put(tmp_path, name, TRAPS[name]))
 
 
 @pytest.mark.parametrize("path", sorted((DATA / "damaged").iterdir()), ids=lambda path: path.stem)
