@@ -8,7 +8,7 @@ import pytest
 ROOT = pathlib.Path(__file__).parents[1] / "jaxwillmore"
 LAYERS = [
     {"_types", "_version"},
-    {"_interrupts", "_cache", "_console", "_functions", "_machine"},
+    {"_arguments", "_cache", "_console", "_functions", "_interrupts", "_machine", "_observers"},
     {"reference"},
     {"mesh", "linalg"},
     {"fem"},

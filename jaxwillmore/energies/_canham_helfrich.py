@@ -6,12 +6,13 @@ from typing import Any
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
+from .._arguments import double
 from ..fem import Jet, integrate
 from ..mesh import SurfaceMesh
 from ..surface import gaussian_curvature_load, mean_curvature_vector
 from ._base import AbstractEnergy
 from ._mixture import AbstractModulus, finite_modulus, modulus_at, positive_modulus
-from ._parameters import density_of, double, nodes_of, on_nodes
+from ._parameters import density_of, nodes_of, on_nodes
 
 PARAMETERS = ("bending_modulus", "spontaneous_curvature", "gaussian_modulus")
 

@@ -7,11 +7,12 @@ import equinox as eqx
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
+from .._arguments import double
 from .._functions import as_data
 from ..fem import integrate
 from ..surface import mean_curvature_vector, recover_gaussian_curvature
 from ._base import AbstractEnergy
-from ._parameters import double, nodes_of
+from ._parameters import nodes_of
 
 
 class SurfacePoint(eqx.Module):

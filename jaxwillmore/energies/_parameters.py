@@ -8,6 +8,7 @@ import numpy as np
 from jax.core import Tracer
 from jaxtyping import Array, Float
 
+from .._arguments import double
 from ..mesh import SurfaceMesh
 
 
@@ -73,23 +74,6 @@ def positive_field(name: str, value) -> Float[Array, "..."]:
     if len(wrong):
         raise ValueError(f"`{name}` must be positive; got {array[wrong[0]]} at node {wrong[0]}.")
     return array
-
-
-def double(name: str, value) -> Float[Array, "..."]:
-    """Numbers as float64; integers become floats.
-
-    **Raises:** `ValueError` for floats of fewer bits, and for what is no real number.
-    """
-    array = value if isinstance(value, Tracer) else jnp.asarray(value)
-    if jnp.issubdtype(array.dtype, jnp.floating) and array.dtype != jnp.float64:
-        raise ValueError(
-            f"`{name}` holds {array.dtype} numbers, whose digits do not suffice for curvatures. "
-            f"Pass float64, `jnp.asarray({name}, float)`, made from the full digits where you can."
-        )
-    real = jnp.issubdtype(array.dtype, jnp.floating) or jnp.issubdtype(array.dtype, jnp.integer)
-    if not real:
-        raise ValueError(f"`{name}` must hold real numbers; got {array.dtype}.")
-    return array.astype(float)
 
 
 def nodes_of(mesh: SurfaceMesh, x) -> Float[Array, "nodes 3"]:

@@ -7,6 +7,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
+from .._arguments import double
 from ..mesh import SurfaceMesh
 from ._jet import Jet
 from ._metric import Point, point
@@ -44,6 +45,8 @@ def integrate(
       leaves the quadrature error below that of the surface. At most 10.
     - `fine`: use the rule on the four quarters of each cell, for densities that vary within one.
 
+    **Raises:** `ValueError` where `x` does not hold 64-bit floats.
+
     ```python
     area = jw.fem.integrate(mesh, x, lambda point, _: jnp.ones(()))
     ```
@@ -64,7 +67,7 @@ def integrate_by_cell(
 
 
 def _by_cell(mesh, x, density, fields, quadrature_degree, fine=False):
-    fields = {} if fields is None else fields
+    x, fields = double("x", x), {} if fields is None else fields
     if quadrature_degree is None:
         quadrature_degree = min(2 * mesh.degree + 2, 10)
     rule = rule_for(mesh, quadrature_degree, fine=fine)

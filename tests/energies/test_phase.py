@@ -98,7 +98,7 @@ def test_an_energy_of_a_concentration_needs_one():
             energy(mesh, x, fields)
     with pytest.raises(ValueError, match=r"one number for each of the 42 nodes; got shape \(7,\)"):
         energy(mesh, x, {"c": np.ones(7)})
-    with pytest.raises(ValueError, match="`c` holds float32 numbers"):
+    with pytest.raises(ValueError, match="`c` must hold 64-bit floats; got float32"):
         energy(mesh, x, {"c": jnp.ones(42, jnp.float32)})
     with pytest.raises(ValueError, match="FreeEnergy needs a concentration `u`"):
         FreeEnergy(jnp.sin)(mesh, x, {"c": x[:, 0]})
