@@ -7,10 +7,10 @@ import time
 from collections.abc import Callable
 from typing import Any
 
-from jaxtyping import Array
+import numpy as np
 
 from .._interrupts import catch_interrupts, interrupted
-from ..evolve import RESULTS, Solution, State, evolve, memory_estimate, message, name_of
+from ..evolve import Solution, State, evolve, memory_estimate, message, name_of
 from ..health import HealthWarning, health_warnings
 from ..io import RunFolder, read_history
 from ..mesh import SurfaceMesh
@@ -104,7 +104,7 @@ def run_case(
             "status": status,
             "message": words,
             "t": last.t,
-            **recorder.counts(solution.stats),
+            **_counts(solution.stats),
             **end_of_flow(case, start.mesh, last, rows),
             "health": health_of(found),
             "repairs": list(start.repairs),
@@ -119,35 +119,29 @@ def run_case(
 
 def _evolved(case: Case, flow, start: Start, recorder: "_Recorder") -> Solution:
     assert case.time is not None
-    try:
-        return evolve(
-            flow,
-            start.mesh,
-            start.x,
-            t0=case.time.t0,
-            t1=case.time.t1,
-            dt0=case.time.dt0,
-            initial={k: v for k, v in start.initial.items() if k in flow.evolving},
-            bdf_order=case.flow.bdf_order,
-            scheme=case.flow.scheme,
-            rtol=case.time.rtol,
-            stationary_tolerance=case.time.stop_when_stationary or None,
-            saveat=case.output.every,
-            max_steps=case.time.max_steps,
-            throw=False,
-            observer=recorder.step,
-            on_save=recorder.save,
-        )
-    except _Unhealthy as end:
-        return Solution(start.mesh, (), end.state, (), (), RESULTS.interrupted, {})
+    return evolve(
+        flow,
+        start.mesh,
+        start.x,
+        t0=case.time.t0,
+        t1=case.time.t1,
+        dt0=case.time.dt0,
+        initial={k: v for k, v in start.initial.items() if k in flow.evolving},
+        bdf_order=case.flow.bdf_order,
+        scheme=case.flow.scheme,
+        rtol=case.time.rtol,
+        stationary_tolerance=case.time.stop_when_stationary or None,
+        saveat=case.output.every,
+        max_steps=case.time.max_steps,
+        throw=False,
+        observer=recorder.step,
+        on_save=recorder.save,
+    )
 
 
-class _Unhealthy(Exception):
-    """Ends a run at the first state with a warning."""
-
-    def __init__(self, state: State):
-        Exception.__init__(self)
-        self.state = state
+def _counts(stats: dict[str, Any]) -> dict[str, int]:
+    names = ("steps", "rejected_steps", "newton_iterations", "linear_iterations")
+    return {name.replace("linear", "krylov"): stats[name] for name in names}
 
 
 class _Recorder:
@@ -157,20 +151,15 @@ class _Recorder:
         self._case, self._folder, self._flow, self._mesh = case, folder, flow, mesh
         self._progress = progress
         self._rejected_steps = 0
-        self._iterations = [0, 0]
-        self._steps = 0
         self._last_frame: float | None = None
         self._phase = None if case.phase is None else PhaseRecord(case, mesh)
         self.first: State | None = None
         self.first_amount: float | None = None
         self.fatal: tuple[HealthWarning, ...] = ()
 
-    def step(self, record: dict[str, Any], state: State) -> None:
-        """A line of history; rejections are counted from the start of the run."""
+    def step(self, record: dict[str, Any], state: State) -> bool:
+        """A line of history, rejections counted from the start; whether the run is to end."""
         self._rejected_steps += record["rejected_steps"]
-        self._steps = record["step"]
-        self._iterations[0] += record["newton_iterations"]
-        self._iterations[1] += record["krylov_iterations"]
         row = row_of(record | self._extra(state) | {"rejected_steps": self._rejected_steps})
         self._folder.append_history(row)
         if self._progress is not None:
@@ -179,8 +168,7 @@ class _Recorder:
         if self._case.output.fatal_warnings and not interrupted():
             self.fatal = health_warnings(self._mesh, state.x, state.fields.get("H"))
             self.fatal += self._of_phase(state)
-            if self.fatal:
-                raise _Unhealthy(state)
+        return bool(self.fatal)
 
     def _extra(self, state: State) -> dict[str, float]:
         return {} if self._phase is None else self._phase.columns(state)
@@ -194,15 +182,6 @@ class _Recorder:
         if self._phase is None:
             return ()
         return warnings_of_phase(self._case, self._mesh, state, self.first_amount)
-
-    def counts(self, stats: dict[str, Any]) -> dict[str, int]:
-        """Steps and iterations: of the whole run, or of its accepted steps where it was ended."""
-        return {
-            "steps": self._steps,
-            "rejected_steps": stats.get("rejected_steps", self._rejected_steps),
-            "newton_iterations": stats.get("newton_iterations", self._iterations[0]),
-            "krylov_iterations": stats.get("linear_iterations", self._iterations[1]),
-        }
 
     def save(self, state: State) -> None:
         """A frame; the first one comes before the first step and starts the history too."""
@@ -222,13 +201,17 @@ class _Recorder:
             self.save(state)
 
 
-def frame_fields(mesh: SurfaceMesh, state: State) -> dict[str, Array]:
-    """What a frame shows: H, K, the normal, the velocity (NaN before the first step), c and μ."""
-    shown = {name: state.fields[name] for name in ("c", "mu") if name in state.fields}
+def frame_fields(mesh: SurfaceMesh, state: State) -> dict[str, Any]:
+    """What a frame shows: H, K, the normal, the velocity, c and μ.
+
+    Velocity and μ are NaN before the first step: all frames of a series have the same fields.
+    """
+    lost = np.full(mesh.n_nodes, np.nan)
+    shown = {name: state.fields.get(name, lost) for name in ("c", "mu") if "c" in state.fields}
     if "H" not in state.fields:
         H, nu = recover_mean_curvature(mesh, state.x), recover_normal(mesh, state.x)
         return {"H": H, "K": gaussian_curvature(mesh, state.x, H, nu), "normal": nu} | shown
-    velocity = state.V[:, None] * state.nu
+    velocity = np.asarray(state.fields.get("V", lost))[:, None] * np.asarray(state.nu)
     K = gaussian_curvature(mesh, state.x, state.H, state.nu)
     return {"H": state.H, "K": K, "normal": state.nu, "velocity": velocity} | shown
 

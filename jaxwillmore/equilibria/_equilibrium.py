@@ -10,8 +10,10 @@ import numpy as np
 import optimistix as optx
 from jaxtyping import Array, Float
 
+from .._arguments import double
 from .._interrupts import interrupted
 from .._machine import checked_memory
+from .._observers import asks_to_stop
 from ..energies import AbstractEnergy
 from ..linalg import EXACT
 from ..mesh import SurfaceMesh
@@ -25,7 +27,7 @@ from ._reference import advanced, prepare, reference
 from ._results import RESULTS, message, name_of
 from ._shape import Equilibrium, constant_path, finished
 from ._solve import Solved, newton_on_host
-from ._targets import checked_start, targets
+from ._targets import checked_known, checked_start, targets
 
 FIRST_TAU = 1e-3
 SMALLEST_TAU = 1e-9
@@ -101,7 +103,7 @@ def equilibrium(
     stability: bool = True,
     linear_solver: str = "direct",
     throw: bool = True,
-    observer: Callable[[dict[str, float | int]], None] | None = None,
+    observer: Callable[[dict[str, float | int]], object] | None = None,
 ) -> Equilibrium:
     r"""Stationary shape of $b_b\int (H - H_0)^2 + f(A, V_p, M)$, area and volume free or held.
 
@@ -146,14 +148,16 @@ def equilibrium(
     - `linear_solver`: `"direct"`, `"dense"` (up to 2,500 unknowns) or, with the extra `fast`,
       `"pardiso"`.
     - `throw`: raise `RuntimeError` unless it converged; otherwise look at `result`.
-    - `observer`: called with a dictionary after every pseudo-time step.
+    - `observer`: called with a dictionary after every pseudo-time step; `True` ends the search, as
+      in `evolve`.
 
-    **Raises:** `ValueError` for impossible targets, with the allowed range, and for a mesh that
-    needs more memory than the machine has (`memory_estimate`); `RuntimeError`.
+    **Raises:** `ValueError` for impossible targets, with the allowed range, for traced arguments
+    (`resolve` takes these), and for a mesh that needs more memory than the machine has
+    (`memory_estimate`); `RuntimeError`.
 
     *Limits:* moduli that are the same everywhere or depend on $c$, not on the place. Newton's
     method also finds saddles: read `negative_directions`. Area and volume held together become
-    dependent as the reduced volume approaches 1.
+    dependent as the reduced volume approaches 1, which is refused itself.
 
     ```python
     mesh, x = jw.equilibria.spheroid(0.8, level=2)
@@ -166,6 +170,11 @@ def equilibrium(
     ```
     """
     started = time.perf_counter()
+    checked_known("equilibrium", x0=x0, energy=energy, c=c, amount=amount, mean=mean)
+    checked_known("equilibrium", area=area, volume=volume, reduced_volume=reduced_volume)
+    checked_known("equilibrium", tension=tension, pressure=pressure)
+    own = {"bending_modulus": bending_modulus, "spontaneous_curvature": spontaneous_curvature}
+    checked_known("equilibrium", **own)
     x0 = checked_start(mesh, x0)
     if tolerance <= 0 or max_outer < 1:
         raise ValueError("`tolerance` must be positive and `max_outer` at least 1.")
@@ -196,7 +205,7 @@ def equilibrium(
     relaxation = Relaxation(mesh, flags, tolerance, linear_solver)
     now = area_and_volume(mesh, relaxation.rule, x0)[0]
     X = units.inward(x0) * jnp.sqrt(target.area / now)
-    c = None if c is None else jnp.asarray(c, float)
+    c = None if c is None else double("c", c)
     ended = relax(relaxation, X, units.parameters(target), max_outer, observer, c)
     return concluded(relaxation, ended, units, stability, throw, started)
 
@@ -213,7 +222,7 @@ def concluded(relaxation: Relaxation, ended, units: Units, stability: bool, thro
         "seconds": time.perf_counter() - started,
     }
     eq = finished(system, solved, result, units, stability, relaxation.linear_solver, stats)
-    if throw and not eq.succeeded:
+    if throw and not (eq.succeeded or bool(result == RESULTS.stopped)):
         raise RuntimeError(f"No equilibrium ({name_of(result)}): {message(result)}")
     return eq
 
@@ -242,8 +251,9 @@ def relax(relaxation: Relaxation, X, target: Parameters, max_outer: int, observe
         size = float(found.step)
         fold = not mesh_health(mesh, found.nodes).min_jacobian > MIN_JACOBIAN
         accepted = solved.converged and size < LARGEST_STEP and not fold
-        if observer is not None:
-            observer(_row(system, solved, found, outer, tau, accepted))
+        row = _row(system, solved, found, outer, tau, accepted)
+        if observer is not None and asks_to_stop(observer(row)):
+            return *((system, solved) if accepted else best), RESULTS.stopped, outer
         if not accepted:
             if ramping:
                 # With a shorter pseudo-time step the same volume would go into short waves.

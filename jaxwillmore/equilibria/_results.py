@@ -19,6 +19,7 @@ class RESULTS(eqx.Enumeration):
         "The pseudo-time steps settled nowhere within `max_outer` steps. Raise `max_outer`, or ask "
         "for less at once; with a prescribed tension or pressure there may be no equilibrium."
     )
+    stopped = "The observer asked to stop."
     interrupted = (
         "The search was interrupted. Its last accepted shape is kept; another search may start "
         "from it."
@@ -53,6 +54,7 @@ _NAMES = {
         "not_finite",
         "element_inverted",
         "not_settled",
+        "stopped",
         "interrupted",
     ),
     BRANCH_RESULTS: (

@@ -3,6 +3,7 @@
 import jax.numpy as jnp
 import numpy as np
 
+from .._arguments import double, not_traced
 from ..energies import finite, positive
 from ..phases import checked_width
 from ._density import amount_of, area_and_volume
@@ -14,9 +15,27 @@ from ._reference import prepare
 ROUND = 0.998
 
 
+# Nearer to the sphere than rounding lets areas and volumes tell.
+SPHERE = 1 - 1e-9
+
+
+def only_sphere(v) -> str:
+    """Why a reduced volume of 1 is no target."""
+    return (
+        f"must be less than 1; got {float(v):.6g}. The sphere is the only shape of reduced volume "
+        "1, where area and volume cannot be held both: their constraints depend on each other."
+    )
+
+
+def checked_known(who: str, **values) -> None:
+    """What `equilibrium` and `branch` are given, which decide from it what to do next."""
+    instead = "Find the shape outside and pass it to `resolve`, which can be differentiated."
+    not_traced(who, instead, **values)
+
+
 def checked_start(mesh, x0):
-    """Nodes as an array of the right shape, finite."""
-    x0 = jnp.asarray(x0)
+    """Nodes as 64-bit floats of the right shape, finite."""
+    x0 = double("x0", x0)
     if x0.shape != (mesh.n_nodes, 3):
         raise ValueError(f"`x0` must have shape {(mesh.n_nodes, 3)}; got {x0.shape}.")
     if not bool(jnp.all(jnp.isfinite(x0))):
@@ -26,7 +45,7 @@ def checked_start(mesh, x0):
 
 def checked_concentration(mesh, c):
     """One finite number for every node."""
-    c = jnp.asarray(c, float)
+    c = double("c", c)
     if c.shape != (mesh.n_nodes,):
         raise ValueError(
             f"`c` needs one number for each of the {mesh.n_nodes} nodes; got shape {c.shape}."
@@ -73,7 +92,9 @@ def targets(
     if reduced_volume is not None:
         v = finite("reduced_volume", reduced_volume)
         if not 0 < float(v) <= 1:
-            raise ValueError(f"`reduced_volume` must lie in (0, 1]; got {float(v):.6g}.")
+            raise ValueError(f"`reduced_volume` must lie in (0, 1); got {float(v):.6g}.")
+        if float(v) > SPHERE:
+            raise ValueError(f"`reduced_volume` {only_sphere(v)}")
         V = v * ball
     elif volume == "initial":
         # The area is scaled to its target first, and the volume with it.
@@ -87,6 +108,8 @@ def targets(
             f"Area {float(A):.6g} encloses at most volume {float(ball):.6g} (a sphere); "
             f"got `volume` {float(V):.6g}."
         )
+    if fixed_area and fixed_volume and float(V / ball) > SPHERE:
+        raise ValueError(f"`volume` {float(V):.6g}: its reduced volume {only_sphere(V / ball)}")
     start = float(6 * np.sqrt(np.pi) * now_volume / now_area**1.5)
     if fixed_area and fixed_volume and start > ROUND and float(V / ball) < start - (1 - ROUND):
         raise ValueError(

@@ -1,4 +1,4 @@
-"""Arguments of runs, refused before anything is computed. Traced values pass unchecked."""
+"""Arguments of runs, refused before anything is computed. Traced values of `replay` pass."""
 
 import math
 import numbers
@@ -9,8 +9,15 @@ import numpy as np
 from jax.core import Tracer
 from jaxtyping import Array, Float
 
+from .._arguments import double, not_traced
 from ..flows import AbstractLaw, System, as_system
 from ..mesh import SurfaceMesh
+
+
+def checked_known(**values: Any) -> None:
+    """What `evolve` is given, which works outside of compiled functions only."""
+    instead = "Choose the times outside and pass them to `replay`, which can be differentiated."
+    not_traced("evolve", instead, **values)
 
 
 def checked_flow(flow, mesh) -> System:
@@ -88,12 +95,7 @@ def checked_fields(flow: System, mesh: SurfaceMesh, initial) -> dict[str, Array]
 
 
 def _checked_field(name: str, value, shape: tuple[int, ...]) -> Array:
-    value = jnp.asarray(value)
-    if value.dtype != jnp.float64:
-        raise ValueError(
-            f"`{name}` must hold 64-bit floats; got {value.dtype}. JAX may run with "
-            "`jax_enable_x64` off: import jaxwillmore before other code makes arrays."
-        )
+    value = double(name, value)
     if value.shape != shape:
         raise ValueError(f"`{name}` must have shape {shape}; got {value.shape}.")
     if isinstance(value, Tracer):

@@ -17,6 +17,7 @@ from ._checks import (
     checked_fields,
     checked_flow,
     checked_interval,
+    checked_known,
     checked_nodes,
     checked_order,
     checked_tolerances,
@@ -26,7 +27,7 @@ from ._loop import Loop
 from ._memory import memory_estimate
 from ._progress import TextProgressMeter, progress_text
 from ._save import Saver, save_times
-from ._solution import Solution, State, message, name_of
+from ._solution import RESULTS, Solution, State, message, name_of
 from ._stepper import Stepper
 
 
@@ -46,7 +47,7 @@ def evolve(
     saveat: float | Sequence[float] | None = None,
     max_steps: int = 10_000,
     throw: bool = True,
-    observer: Callable[[dict[str, float | int], State], None] | None = None,
+    observer: Callable[[dict[str, float | int], State], object] | None = None,
     on_save: Callable[[State], None] | None = None,
     energy_tolerance: float | None = 1e-5,
     newton_tolerance: float | None = None,
@@ -76,7 +77,9 @@ def evolve(
     - `saveat`: interval between, or list of, times at which states are saved; the states are
       interpolated to the order of the scheme and steps are not shortened for them.
     - `throw`: raise `RuntimeError` when the run stops before `t1` without being stationary.
-    - `observer`: called with the diagnostics and the state after every accepted step.
+    - `observer`: called with the diagnostics and the state after every accepted step. Where it
+      returns `True` the run ends there, complete, with the result `stopped`, which is no error;
+      every other answer is ignored. An exception ends it too, and reaches the caller.
     - `on_save`: called with every saved state as soon as it exists.
     - `energy_tolerance`: rise of the energy per step that rejects it, relative to the sum of the
       sizes of its terms (`energy_scale` of the flow); `None` accepts any, as it is for flows in
@@ -93,8 +96,9 @@ def evolve(
 
     A `Solution`. To differentiate a run, pass its `times` to `replay`.
 
-    **Raises:** `ValueError` for arguments out of range, and for a run that needs more memory than
-    the machine has (`memory_estimate`); `RuntimeError` as said under `throw`.
+    **Raises:** `ValueError` for arguments out of range, for traced ones (`replay` takes these), and
+    for a run that needs more memory than the machine has (`memory_estimate`); `RuntimeError` as
+    said under `throw`.
 
     ```python
     mesh, x = jw.mesh.red_cell(level=1, degree=2)
@@ -102,6 +106,8 @@ def evolve(
     ```
     """
     flow = checked_flow(flow, mesh)
+    # The flow last: one that is made inside a compiled function is traced with everything else.
+    checked_known(x0=x0, t0=t0, t1=t1, dt0=dt0, initial=initial, saveat=saveat, flow=flow)
     checked_interval(t0, t1, dt0, rtol, max_steps)
     checked_tolerances(
         stationary_tolerance=stationary_tolerance,
@@ -152,7 +158,7 @@ def evolve(
     finally:
         if progress_meter is not None:
             progress_meter.close()
-    if throw and not solution.succeeded:
+    if throw and not (solution.succeeded or bool(solution.result == RESULTS.stopped)):
         raise RuntimeError(
             f"The run stopped at t = {solution.state.t:.6g} of {t1:.6g} "
             f"({name_of(solution.result)}): {message(solution.result)}"
@@ -192,7 +198,6 @@ def _observers(observer, meter: TextProgressMeter | None, t1: float):
 
     def both(record, state):
         meter.update(progress_text(record, t1))
-        if observer is not None:
-            observer(record, state)
+        return None if observer is None else observer(record, state)
 
     return both

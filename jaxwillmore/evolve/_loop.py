@@ -10,6 +10,7 @@ import jax.numpy as jnp
 import optimistix as optx
 from jaxtyping import Array
 
+from .._observers import asks_to_stop
 from ._adaptive import Controller
 from ._record import diagnostics
 from ._save import Saver
@@ -51,7 +52,7 @@ class Loop:
         stationary_tolerance: float | None,
         max_steps: int,
         saver: Saver,
-        observer: Callable[[dict[str, float | int], State], None] | None,
+        observer: Callable[[dict[str, float | int], State], object] | None,
         on_save: Callable[[State], None] | None,
     ):
         self.stepper, self.advance, self.controller = stepper, advance, controller
@@ -79,7 +80,9 @@ class Loop:
         history = _start(self.stepper, jnp.asarray(t0), x0, fields, depth)
         state = State(t0, x0, self._initial_fields(history))
         self.times.append(t0)
-        first = self._diagnostics(x0, state.fields, jnp.full(self._n_globals, jnp.nan, float))
+        # Of these only the energy is read, which needs no field that a step would have to find.
+        nothing = jnp.zeros(self._n_globals)
+        first = self._diagnostics(x0, self.stepper.fields(history.U[0]), nothing)
         energy, self._size = float(first["energy"]), float(first["energy_scale"])
         self._floor, self._least = 0.1 * self._size, energy
         t, rejections, result = t0, 0, None
@@ -108,13 +111,15 @@ class Loop:
             t, energy, self._size = t_new, record["energy"], record["energy_scale"]
             self._least = min(self._least, energy)
             state = State(t, attempt.x, self.stepper.fields(attempt.U))
-            self._accept(record, attempt, state, dt, rejections)
+            stopped = self._accept(record, attempt, state, dt, rejections)
             self._save(self.saver.passed(history, len(self.times)))
             rejections = 0
             dt = self.controller.after_acceptance(
                 dt, float(attempt.error), self.order, int(attempt.newton_iterations), rise
             )
-            if self._is_stationary(record):
+            if stopped:
+                result = RESULTS.stopped
+            elif self._is_stationary(record):
                 result = RESULTS.stationary
         self.stats["wall_seconds"] = time.perf_counter() - started
         return Solution(
@@ -130,10 +135,7 @@ class Loop:
     def _initial_fields(self, history: History) -> dict[str, Array]:
         flow = self.stepper.problem.flow
         fields = self.stepper.fields(history.U[0])
-        return {
-            name: value if name in flow.evolving else jnp.full_like(value, jnp.nan)
-            for name, value in fields.items()
-        }
+        return {name: value for name, value in fields.items() if name in flow.evolving}
 
     def _limits(self, t: float, t1: float, interrupted: bool):
         if t >= t1 or (self.schedule is not None and self.stats["steps"] + 1 == len(self.schedule)):
@@ -159,7 +161,7 @@ class Loop:
     def _n_globals(self) -> int:
         return self.stepper.problem.flow.n_globals
 
-    def _diagnostics(self, x, fields, multipliers) -> dict[str, Array]:
+    def _diagnostics(self, x, fields, multipliers) -> dict[str, Array | float]:
         p = self.stepper.problem
         return diagnostics(p.flow, p.mesh, x, fields, multipliers)
 
@@ -195,7 +197,8 @@ class Loop:
         for name in ("newton_iterations", "jacobians", "linear_iterations"):
             self.stats[name] += int(getattr(attempt, name))
 
-    def _accept(self, record, attempt: Attempt, state: State, dt: float, rejections: int) -> None:
+    def _accept(self, record, attempt: Attempt, state: State, dt: float, rejections: int) -> bool:
+        """Count and record a step; whether the observer asks to stop."""
         self.stats["steps"] += 1
         names = self.stepper.problem.flow.global_names
         record |= {name: float(attempt.multipliers[k]) for k, name in enumerate(names)}
@@ -206,8 +209,7 @@ class Loop:
         }
         record = {"step": self.stats["steps"], "dt": dt, "error": float(attempt.error)} | record
         self.records.append(record | counts)
-        if self.observer is not None:
-            self.observer(record | counts, state)
+        return self.observer is not None and asks_to_stop(self.observer(record | counts, state))
 
     def _save(self, states: list[State]) -> None:
         for state in states:

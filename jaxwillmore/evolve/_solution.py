@@ -30,6 +30,7 @@ class RESULTS(eqx.Enumeration):
         "surface any more, or the initial fields do not belong to it."
     )
     step_limit = "The maximum number of steps was reached; raise `max_steps`."
+    stopped = "The observer asked to stop."
     interrupted = "The run was interrupted. The last state is complete."
 
 
@@ -54,6 +55,7 @@ _NAMES = (
     "element_inverted",
     "energy_rising",
     "step_limit",
+    "stopped",
     "interrupted",
 )
 
@@ -66,7 +68,7 @@ class State(eqx.Module):
     - `t`: time.
     - `x`: nodes.
     - `fields`: nodal fields of the flow by name. For Willmore flow `H`, `nu`, `V`, `z`. At the
-      initial time the fields that no initial value exists for, `V` and `z`, are NaN.
+      initial time those that no initial value exists for, `V` and `z`, are not among them.
     """
 
     t: float

@@ -83,7 +83,7 @@ def descend(
     tolerance: float,
     max_steps: int,
     strain_limit: float = np.inf,
-    observer: Callable[[Iterate], None] | None = None,
+    observer: Callable[[Iterate], bool] | None = None,
     interrupted: Callable[[], bool] = lambda: False,
 ) -> Descent:
     """Lower half the sum of squares of `residuals` from `u` by optimistix's Levenberg–Marquardt.
@@ -94,7 +94,7 @@ def descend(
       solution it must be large, so that the step is rejected.
     - `tolerance`: of unknowns and residuals, relative and absolute.
     - `strain_limit`: an iterate with more strain ends the descent.
-    - `observer`: called with every accepted iterate, the first one included.
+    - `observer`: called with every accepted iterate, the first one included; says whether to stop.
     - `interrupted`: asked after every step whether to stop.
     """
     solver = optx.LevenbergMarquardt(rtol=tolerance, atol=tolerance)
@@ -111,8 +111,10 @@ def descend(
             result = RESULTS.not_finite
             break
         waited = int(state.num_steps_since_acceptance)
-        if observer is not None and waited == 0:
-            observer(Iterate(accepted, 0.5 * float(r @ r), float(state.aux.strain)))
+        seen = Iterate(accepted, 0.5 * float(r @ r), float(state.aux.strain))
+        if observer is not None and waited == 0 and observer(seen):
+            result = RESULTS.stopped
+            break
         part = explained(r, np.asarray(_dense(state.f_info.jac))) if waited == 0 else np.inf
         if waited == 0:
             squares.append(float(r @ r))

@@ -9,6 +9,7 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from .._interrupts import catch_interrupts
+from .._observers import asks_to_stop
 from ..evolve import Stepper
 from ..mesh import SurfaceMesh
 from ..surface import area_radius
@@ -43,7 +44,7 @@ def fit_flow(
     max_steps: int = 40,
     rank_tolerance: float = 1e-3,
     throw: bool = True,
-    observer: Callable[[dict[str, float]], None] | None = None,
+    observer: Callable[[dict[str, float]], object] | None = None,
 ) -> FlowFit:
     r"""Fit parameters of a flow to surfaces seen at known times.
 
@@ -67,6 +68,8 @@ def fit_flow(
       red cell that becomes a sphere, with exact data, the default gives the modulus to 1e-4.
     - `noise`: standard deviation of independent normal errors of the points seen; left out, it is
       taken from the residuals.
+    - `observer`: called with a row of numbers after every accepted step; `True` ends the fit, as in
+      `evolve`.
 
     **Raises:** `ValueError` for times that do not increase and observations that are no closed
     surfaces of the genus of the start; `RuntimeError`.
@@ -108,7 +111,7 @@ def fit_flow(
         "seconds": time.perf_counter() - began,
     }
     fit = _finished(fitter, descent, targets, noise, rank_tolerance, stats)
-    if throw and not fit.succeeded:
+    if throw and not (fit.succeeded or bool(fit.result == RESULTS.stopped)):
         raise RuntimeError(f"No fit ({name_of(fit.result)}): {message(fit.result)}")
     return fit
 
@@ -186,15 +189,14 @@ class _Fitter:
             times = jnp.asarray(self.schedule.times)
             self.residuals = eqx.tree_at(lambda r: r.times, r, times)
 
-    def _seen(self, iterate: Iterate) -> None:
+    def _seen(self, iterate: Iterate) -> bool:
         row = {
             "step": float(len(self.history)),
             "rms": float(np.sqrt(2 * iterate.objective)) * RESOLUTION,
         }
         row |= {n: float(v) for n, v in self.residuals.values(iterate.u).items()}
         self.history.append(row)
-        if self.observer is not None:
-            self.observer(row)
+        return self.observer is not None and asks_to_stop(self.observer(row))
 
 
 def _finished(

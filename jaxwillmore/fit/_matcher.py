@@ -7,6 +7,7 @@ import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
 
+from .._observers import asks_to_stop
 from ..equilibria import Equilibrium, equilibrium, spheroid
 from ..surface import closest, inertia_tensor
 from ._descend import Descent, Iterate, descend
@@ -172,7 +173,7 @@ class Matcher:
         n = len(self.layout.labels)
         return jnp.concatenate([u[:n], jnp.zeros(len(u) - n)])
 
-    def _seen(self, iterate: Iterate) -> None:
+    def _seen(self, iterate: Iterate) -> bool:
         row = {
             "step": float(len(self.history)),
             "stage": float(self.stages),
@@ -182,8 +183,9 @@ class Matcher:
         free = np.asarray(self.layout.free(iterate.u))
         row |= {label: float(v) for label, v in zip(self.layout.labels, free, strict=True)}
         self.history.append(row)
-        if self.observer is not None:
+        return self.observer is not None and asks_to_stop(
             self.observer(row, self.iterate(iterate.u))
+        )
 
     def rms(self, objective: float) -> float:
         """Root mean square distance over the mean area radius, from the objective."""

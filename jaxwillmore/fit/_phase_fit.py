@@ -88,7 +88,7 @@ def match_phases(
     max_steps: int = 60,
     rank_tolerance: float = 1e-3,
     throw: bool = True,
-    observer: Callable[[dict[str, float]], None] | None = None,
+    observer: Callable[[dict[str, float]], object] | None = None,
 ) -> PhaseFit:
     r"""Fit the energy of a two-phase membrane to an observed shape and its concentration.
 
@@ -118,7 +118,8 @@ def match_phases(
     - `tolerance`: of the unknowns and of the residuals.
     - `rank_tolerance`: singular values below this part of the largest one count as null.
     - `throw`: raise `RuntimeError` unless it succeeded; otherwise look at `result`.
-    - `observer`: called with a row of numbers after every accepted step.
+    - `observer`: called with a row of numbers after every accepted step; `True` ends the fit, as in
+      `evolve`.
 
     **Raises:** `ValueError` for a target that is no closed surface or has no concentration at its
     nodes, a model of one phase, values out of their range, and a reduced volume that is free;
@@ -183,7 +184,7 @@ def match_phases(
             descent = Descent(u, *nothing, 0.0, RESULTS.model_failed, 0, solved=False)
     variance = None if noise is None else (noise[0] / unit) ** 2
     fit = _finished(matcher, descent, variance, rank_tolerance, began)
-    if throw and not fit.succeeded:
+    if throw and not (fit.succeeded or bool(fit.result == RESULTS.stopped)):
         raise RuntimeError(f"No fit ({name_of(fit.result)}): {message(fit.result)}")
     return fit
 

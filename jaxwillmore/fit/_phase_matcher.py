@@ -6,6 +6,7 @@ import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
 
+from .._observers import asks_to_stop
 from ..equilibria import Equilibrium, equilibrium
 from ..surface import area_radius
 from ._descend import Descent, Iterate, descend
@@ -118,7 +119,7 @@ class PhaseMatcher:
         self.residuals = eqx.tree_at(lambda r: r.model, r, model)
         return True
 
-    def _seen(self, iterate: Iterate) -> None:
+    def _seen(self, iterate: Iterate) -> bool:
         row = {
             "step": float(len(self.history)),
             "stage": float(self.stages),
@@ -127,8 +128,7 @@ class PhaseMatcher:
         }
         row |= {n: float(v) for n, v in self.residuals.values(iterate.u).items()}
         self.history.append(row)
-        if self.observer is not None:
-            self.observer(row)
+        return self.observer is not None and asks_to_stop(self.observer(row))
 
 
 @eqx.filter_jit

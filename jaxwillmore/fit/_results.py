@@ -26,6 +26,7 @@ class RESULTS(eqx.Enumeration):
         "another kind of shape."
     )
     not_finite = "Residuals or their derivatives are not finite. Check target and start values."
+    stopped = "The observer asked to stop. The last iterate is complete; a fit resumes from it."
     interrupted = "The fit was interrupted. The last iterate is complete; a fit resumes from it."
 
 
@@ -38,6 +39,7 @@ NAMES = (
     "diverged",
     "model_failed",
     "not_finite",
+    "stopped",
     "interrupted",
 )
 

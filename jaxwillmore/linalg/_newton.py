@@ -165,7 +165,7 @@ class SparseNewton(optx.AbstractRootFinder):
         shape = jax.eval_shape(lambda: fn(y, args)[1])
         aux = jax.tree.map(lambda s: jnp.zeros(s.shape, s.dtype), shape)
         # Started at twice the full step, so that the residual is traced once.
-        start = y, jnp.full_like(f, jnp.nan), jnp.asarray(2.0), aux
+        start = y, jnp.full_like(f, jnp.inf), jnp.asarray(2.0), aux
         return jax.lax.while_loop(insufficient, halve, start)
 
     def terminate(self, fn, y, args, options, state, tags):
