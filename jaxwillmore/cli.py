@@ -202,6 +202,8 @@ def _caught(args: argparse.Namespace, command: Any, compute: Any, closing: Any) 
         print(closing(run.summary))
         for found in run.summary["health"]:
             print(f"warning: {found['kind']}: {found['message']}")
+        for words in run.summary.get("warnings", ()):
+            print(f"warning: {words}")
         for note in run.summary.get("notes", ()):
             print(f"note: {note}")
         print(f"written to {run.folder}")

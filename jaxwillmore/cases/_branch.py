@@ -15,6 +15,7 @@ from ..plot import branch_picture
 from ._case import Case
 from ._equilibrium import (
     check_equilibrium,
+    check_not_round,
     draw_shape,
     equilibrium_of,
     measures_of_start,
@@ -28,7 +29,7 @@ from ._output import Existing, ending, fields_of, open_folder, pictures
 from ._sections import OF_PHASES
 from ._size import Announce, announced
 from ._start import starting_surface
-from ._summary import end_of_equilibrium, health_of, provenance, warnings_of
+from ._summary import end_of_equilibrium, health_of, provenance, unstable, warnings_of
 
 _DONE = "end_reached"
 
@@ -104,6 +105,7 @@ def run_branch(
                 for number, warning in recorder.health.values()
             ],
             "repairs": list(start.repairs),
+            "warnings": unstable(recorder.points or [first]),
             "notes": notes_of(case),
             **provenance(time.perf_counter() - began),
         }
@@ -183,6 +185,8 @@ def _check_branch(case: Case) -> None:
     if name == "reduced_volume" and not (holds_volume and held.area is not None):
         problem = '"reduced_volume" needs area and volume held: see [constraints].'
         raise CaseError(problem, section="branch", key="parameter", got=name)
+    if name == "reduced_volume":
+        check_not_round("branch", "stop", case.branch.stop)
     if name == "pressure" and holds_volume:
         problem = '"pressure" needs a free volume: take it out of [constraints].'
         raise CaseError(problem, section="branch", key="parameter", got=name)

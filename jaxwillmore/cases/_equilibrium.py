@@ -10,7 +10,16 @@ from typing import Any
 import equinox as eqx
 
 from .._interrupts import catch_interrupts
-from ..equilibria import Equilibrium, equilibrium, memory_estimate, message, name_of, targets
+from ..equilibria import (
+    SPHERE,
+    Equilibrium,
+    equilibrium,
+    memory_estimate,
+    message,
+    name_of,
+    only_sphere,
+    targets,
+)
 from ..io import RunFolder, write_vtu
 from ..plot import surface_picture
 from ..surface import recover_mean_curvature
@@ -28,6 +37,7 @@ from ._summary import (
     measures_of,
     provenance,
     total_energy,
+    unstable,
     warnings_of,
 )
 
@@ -97,6 +107,7 @@ def run_equilibrium(
             **end_of_equilibrium(case, shape, fields["H"], measures_of_start(case, start)),
             "health": health_of(found),
             "repairs": list(start.repairs),
+            "warnings": unstable([shape]),
             "notes": notes_of(case),
             **provenance(time.perf_counter() - began),
         }
@@ -148,6 +159,8 @@ def check_equilibrium(case: Case) -> None:
     **Raises:** `CaseError`.
     """
     energy, held = case.energy, case.constraints
+    if not isinstance(held.reduced_volume, str):
+        check_not_round("constraints", "reduced_volume", held.reduced_volume)
     if case.flow.kind != "willmore":
         problem = 'must be "willmore" for an equilibrium: only the bending energy has them.'
         raise CaseError(problem, section="flow", key="kind", got=case.flow.kind)
@@ -166,6 +179,15 @@ def check_equilibrium(case: Case) -> None:
             "that depends on them."
         )
         raise CaseError(problem, section="constraints")
+
+
+def check_not_round(section: str, key: str, v: float | None) -> None:
+    """Refuse the reduced volume of the sphere.
+
+    **Raises:** `CaseError`.
+    """
+    if v is not None and v > SPHERE:
+        raise CaseError(only_sphere(v), section=section, key=key, got=v)
 
 
 def notes_of(case: Case) -> list[str]:

@@ -104,6 +104,20 @@ def end_of_equilibrium(case: Case, shape: Equilibrium, H, start: dict[str, float
     }
 
 
+def unstable(shapes: Iterable[Equilibrium]) -> list[str]:
+    """A sentence where shapes that are stationary are no minima."""
+    counts = [shape.negative_directions for shape in shapes if shape.succeeded]
+    found = [count for count in counts if count]
+    if not found:
+        return []
+    where = "The shape is" if len(counts) == 1 else f"{len(found)} of {len(counts)} shapes are"
+    return [
+        f"{where} stationary, but no minimum: the energy falls in {max(found)} independent "
+        "directions that the constraints allow. Nothing keeps a membrane there; for the minimum "
+        "start from a less symmetric shape."
+    ]
+
+
 def total_energy(shape: Equilibrium) -> float:
     """All energies, with the work of an applied tension and pressure."""
     p = shape.parameters

@@ -21,4 +21,4 @@ from ._results import (
 )
 from ._shape import Equilibrium as Equilibrium, Resolved as Resolved, resolve as resolve
 from ._start import spheroid as spheroid
-from ._targets import targets as targets
+from ._targets import SPHERE as SPHERE, only_sphere as only_sphere, targets as targets
