@@ -87,7 +87,7 @@ def _member(data: bytes) -> np.ndarray:
 def _refuse_bomb(members: list[zipfile.ZipInfo], n_packed: int, max_bytes: int) -> None:
     """Complain about an archive that announces more than its length can honestly hold.
 
-    What is unpacked later is never more than what is announced here.
+    No more than what is announced here is unpacked later.
     """
     size = sum(member.file_size for member in members)
     if size > max_bytes:
@@ -122,7 +122,9 @@ def read_npz(
                 if name == member.filename or name in arrays:
                     raise NpzError(f"its member {member.filename!r:.80} is not one array")
                 try:
-                    arrays[name] = _member(archive.read(member))
+                    with archive.open(member) as stream:
+                        # `archive.read` unpacks everything before it compares with the size
+                        arrays[name] = _member(stream.read(member.file_size))
                 except _DAMAGED as error:
                     raise NpzError(f"its array {name!r:.80} is damaged: {error!s:.200}") from error
     except NpzError:

@@ -83,7 +83,8 @@ def _array(root, piece, place: str, limit: int) -> np.ndarray:
         raise _Damaged(f"`{place}` holds numbers of type {type[:40]!r}")
     text = found.text or ""
     if format == "ascii":
-        return np.array(text.split()).astype(_TYPES[type])
+        with np.errstate(over="ignore", invalid="ignore"):  # named by the check
+            return np.array(text.split()).astype(_TYPES[type])
     counts = _HEADER.get(root.get("header_type", "UInt32"))
     if format != "binary" or root.get("compressor") != _COMPRESSOR or counts is None:
         raise _Damaged(f"its arrays are stored as {format[:40]!r}, or not packed by zlib. {_OTHER}")

@@ -6,6 +6,7 @@ import os
 import pathlib
 import re
 import struct
+import tracemalloc
 import zipfile
 
 import numpy as np
@@ -216,9 +217,22 @@ def test_damaged_files_are_refused_in_one_line(path):
 
 
 def test_packed_zeros_are_refused_before_they_are_unpacked(tmp_path, monkeypatch):
-    monkeypatch.setattr(zipfile.ZipFile, "read", lambda *_: pytest.fail("it was unpacked"))
+    monkeypatch.setattr(zipfile.ZipFile, "open", lambda *_: pytest.fail("it was unpacked"))
     with pytest.raises(SurfaceError, match="unpacks"):
         read_surface(put(tmp_path, "a.npz", BOMB.getvalue()))
+
+
+def test_no_more_is_unpacked_than_is_announced(tmp_path):
+    data = bytearray(BOMB.getvalue())
+    at = data.rindex(b"PK\x01\x02") + 24
+    data[at : at + 4] = data[22:26] = struct.pack("<I", 1000)
+    path = put(tmp_path, "a.npz", bytes(data))
+    tracemalloc.start()
+    with pytest.raises(SurfaceError, match="damaged"):
+        read_surface(path)
+    peak = tracemalloc.get_traced_memory()[1]
+    tracemalloc.stop()
+    assert peak < 10 * len(data)
 
 
 @pytest.mark.parametrize("method", [zipfile.ZIP_BZIP2, zipfile.ZIP_LZMA])

@@ -74,6 +74,18 @@ BAD_FRAMES = {
 }  # fmt: skip
 
 
+def test_numbers_too_large_for_their_type_are_named_by_the_check(tmp_path):
+    points = " ".join(["1e308"] * 126)
+    text = re.sub(
+        r'<DataArray type="Float64" Name="Points"[^>]*>[^<]*',
+        f'<DataArray type="Float32" Name="Points" format="ascii">{points}',
+        TEXT,
+    )
+    (tmp_path / "a.vtu").write_text(text)
+    with pytest.raises(SurfaceError, match="non_finite"):
+        read_surface(tmp_path / "a.vtu")
+
+
 @pytest.mark.parametrize("what", BAD_FRAMES)
 def test_other_frames_are_refused_in_words(tmp_path, what):
     content, words = BAD_FRAMES[what]
