@@ -5,11 +5,13 @@ import os
 import signal
 from typing import Any
 
+import equinox as eqx
 import numpy as np
 import pytest
 
 from jaxwillmore import equilibria
 from jaxwillmore.cases import CaseError, load_case, run_branch, run_equilibrium
+from jaxwillmore.cases._summary import unstable
 from jaxwillmore.equilibria import _branch
 from jaxwillmore.health import _warnings
 from jaxwillmore.io import RunFolderError, read_history, read_surface
@@ -102,6 +104,27 @@ def test_a_warning_is_fatal_where_the_case_says_so(tmp_path, monkeypatch):
         assert found["kind"] == "unresolved_curvature" and found["value"] > found["limit"] == 1e-9
         assert run.summary["status"] == ("unhealthy" if fatal else "converged")
         assert run.succeeded != fatal
+
+
+@pytest.mark.parametrize("command", ["equilibrium", "branch"])
+def test_the_reduced_volume_of_the_sphere_is_refused_before_anything_is_made(command, tmp_path):
+    sections = {"constraints": {"reduced_volume": 1.0}, "branch": BRANCH}
+    with pytest.raises(CaseError, match="reduced_volume: must be less than 1; got 1.*only shape"):
+        compute = run_equilibrium if command == "equilibrium" else run_branch
+        compute(case_of(command, **sections), tmp_path / "out")
+    with pytest.raises(CaseError, match="stop: must be less than 1"):
+        run_branch(case_of("branch", branch={"stop": 1.0}), tmp_path / "out")
+    assert not (tmp_path / "out").exists()
+
+
+def test_shapes_that_are_no_minima_are_told(vesicle):
+    _, run, _ = vesicle
+    assert run.summary["negative_directions"] == 0 and run.summary["warnings"] == []
+    saddle = eqx.tree_at(lambda shape: shape.negative_directions, run.shape, 2)
+    (words,) = unstable([saddle])
+    assert "no minimum" in words and "2 independent directions" in words
+    (words,) = unstable([run.shape, saddle, saddle])
+    assert words.startswith("2 of 3 shapes are stationary")
 
 
 def interrupt_at(name, value, number=signal.SIGTERM):

@@ -9,6 +9,7 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from .._interrupts import interrupted
+from .._observers import asks_to_stop
 from ..mesh import check_surface
 from ..phases import checked_width
 from ._diagnostics import mesh_health
@@ -20,6 +21,7 @@ from ._reference import advanced
 from ._results import BRANCH_RESULTS, RESULTS, message, name_of
 from ._shape import Equilibrium, finished
 from ._solve import Solved
+from ._targets import SPHERE, checked_known, only_sphere
 
 # Most of them are with a Jacobian that is kept, and cost little.
 FEW_ITERATIONS, MANY_ITERATIONS = 9, 12
@@ -179,8 +181,8 @@ def branch(
     - `stability`: count the negative directions of every point.
     - `throw`: raise `RuntimeError` unless `stop` is reached. By default all converged shapes are
       returned with the reason.
-    - `observer`: called with the row and the shape of every point as soon as it is found; where it
-      returns `True` the branch ends.
+    - `observer`: called with the row and the shape of every point as soon as it is found; `True`
+      ends the branch, as in `evolve`.
 
     **Raises:** `ValueError` for a parameter that the start does not allow, or an impossible `stop`.
 
@@ -188,6 +190,7 @@ def branch(
     stay or change over: a change of `negative_directions` without a fold among the events, or a
     shape that has lost its symmetry, tells.
     """
+    checked_known("branch", equilibrium=equilibrium, stop=stop)
     _check_stop(equilibrium, parameter, stop)
     follower = _Follower(equilibrium, parameter, tolerance, linear_solver)
     size = follower.scale
@@ -200,7 +203,7 @@ def branch(
     run = _Run(follower, equilibrium, parameter, stability, self_contact, observer)
     result = run.follow(stop / size, step0 / size, limits, max_points)
     done = Branch(parameter, tuple(run.points), tuple(run.rows), tuple(run.events), result)
-    if throw and not done.succeeded:
+    if throw and not (done.succeeded or bool(result == BRANCH_RESULTS.stopped)):
         last = run.rows[-1][parameter]
         raise RuntimeError(
             f"The branch ended at {parameter} = {last:.6g} of {stop:.6g} "
@@ -215,7 +218,9 @@ def _check_stop(equilibrium: Equilibrium, parameter: str, stop: float) -> None:
     if not np.isfinite(stop):
         raise ValueError(f"`stop` must be finite; got {stop!r}.")
     if parameter == "reduced_volume" and not 0 < stop <= 1:
-        raise ValueError(f"A reduced volume lies in (0, 1]; got `stop` = {stop:.6g}.")
+        raise ValueError(f"A reduced volume lies in (0, 1); got `stop` = {stop:.6g}.")
+    if parameter == "reduced_volume" and stop > SPHERE:
+        raise ValueError(f"`stop` {only_sphere(stop)}")
     if parameter == "mean" and not 0 < stop < 1:
         raise ValueError(f"A mean concentration lies in (0, 1); got `stop` = {stop:.6g}.")
     if parameter in ("line_tension", "interface_width") and not stop > 0:
@@ -309,7 +314,7 @@ class _Run:
             event = f"negative directions {before:.0f} -> {now:.0f}"
             self.events.append((len(self.points) - 1, event))
         if self.observer is not None:
-            self.stopped = bool(self.observer(row, point))
+            self.stopped = asks_to_stop(self.observer(row, point))
 
 
 def _next_length(length: float, iterations: int, displaced: float, largest: float) -> float:

@@ -65,7 +65,8 @@ def test_an_observer_may_end_a_branch(prolate):
     [
         ({"parameter": "pressure", "stop": 1.0}, "free volume"),
         ({"parameter": "length", "stop": 1.0}, "must be one of"),
-        ({"stop": 1.5}, r"\(0, 1\]"),
+        ({"stop": 1.5}, r"\(0, 1\)"),
+        ({"stop": 1.0}, "less than 1.*the only shape of reduced volume 1"),
         ({"stop": float("nan")}, "finite"),
     ],
 )

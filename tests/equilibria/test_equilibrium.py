@@ -146,8 +146,10 @@ def test_prescribing_the_multipliers_gives_the_same_shape(prolate):
 @pytest.mark.parametrize(
     "arguments, message",
     [
-        ({"reduced_volume": 1.2}, r"\(0, 1\]"),
-        ({"reduced_volume": 0.0}, r"\(0, 1\]"),
+        ({"reduced_volume": 1.2}, r"\(0, 1\)"),
+        ({"reduced_volume": 0.0}, r"\(0, 1\)"),
+        ({"reduced_volume": 1.0}, "less than 1.*the only shape of reduced volume 1"),
+        ({"area": 4 * np.pi, "volume": 4 * np.pi / 3}, "less than 1.*the only shape"),
         ({"area": 1.0, "volume": 1.0}, "at most volume"),
         ({"bending_modulus": 0.0}, "positive"),
         ({"spontaneous_curvature": float("nan")}, "finite"),
