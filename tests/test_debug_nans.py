@@ -7,6 +7,7 @@ import pytest
 
 from jaxwillmore import equilibria, evolve, flows, phases
 from jaxwillmore.cases import load_case, run_case
+from jaxwillmore.energies import GinzburgLandau
 from jaxwillmore.evolve import diagnostics
 from jaxwillmore.fit import fit_flow, match_shapes
 from jaxwillmore.io import read_history
@@ -56,14 +57,8 @@ def mixture(_):
     """A concentration beside the shape, from a start without a chemical potential."""
     mesh, x = ellipsoid((1.0, 1.0, 1.3), 1, 2)
     c = phases.stripe(mesh, x, 0.5, 0.4)
-    law = flows.CahnHilliard(), flows.Mixing(flows_well(0.4))
+    law = flows.CahnHilliard(), flows.Mixing(GinzburgLandau(1.0, 0.4))
     return evolve.evolve(flows.System(*law), mesh, x, t1=1e-3, initial={"c": c}).state.fields["c"]
-
-
-def flows_well(width):
-    from jaxwillmore.energies import GinzburgLandau, QuarticWell
-
-    return GinzburgLandau(QuarticWell(1.0, width))
 
 
 def series(_):
