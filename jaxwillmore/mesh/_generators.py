@@ -1,7 +1,8 @@
 """Surfaces with a formula: every node lies on the exact surface to rounding error.
 
 Each generator returns `(mesh, x)`. Sphere-like surfaces are images of an icosphere with
-10·4^level + 2 vertices, torus-like ones are images of a grid of nearly equilateral triangles.
+10·4^level + 2 vertices, five-fold about z; torus-like ones are images of a grid of nearly
+equilateral triangles.
 The nodes are images of equispaced points, so cells of degree k approximate at their full order.
 """
 
@@ -27,6 +28,10 @@ def from_sphere_map(
     f: Callable[[Float[Array, "3"]], Float[Array, "3"]], level: int = 2, degree: int = 2
 ) -> tuple[SurfaceMesh, Nodes]:
     """The image of the unit sphere under a smooth map.
+
+    The mesh of the sphere is symmetric by turns of 72° about the z axis, two of its vertices lie on
+    it: let the axis of a body of revolution be the image of z, and its mesh will not favour a mode
+    cos mφ unless m is a multiple of 5.
 
     **Arguments:**
 
@@ -171,8 +176,8 @@ def dumbbell(
         raise ValueError(f"`lobe` + `neck` must be positive; got {lobe} + {neck}.")
 
     def point(n):
-        width = lobe * n[0] ** 2 + neck
-        return jnp.stack([n[0], width * n[1], width * n[2]])
+        width = lobe * n[2] ** 2 + neck
+        return jnp.stack([n[2], width * n[0], width * n[1]])
 
     return from_sphere_map(point, level, degree)
 
@@ -248,16 +253,20 @@ def beads_torus(
 
 
 def _icosahedral_sphere(level: int):
-    """Triangles and unit vertices of an icosahedron subdivided `level` times."""
+    """Triangles and unit vertices of an icosahedron subdivided `level` times, two of them on z.
+
+    The discretisation error has the symmetry of the mesh. Five-fold about z, it is orthogonal to
+    the modes cos 2φ, sin 2φ by which discs become unstable, and does not push a body of revolution
+    off its family; a two-fold axis of the icosahedron on z would.
+    """
     _check_level(level)
-    golden = (1 + np.sqrt(5)) / 2
-    vertices = np.array(
-        [(0, s, t * golden) for s in (-1, 1) for t in (-1, 1)]
-        + [(s, t * golden, 0) for s in (-1, 1) for t in (-1, 1)]
-        + [(t * golden, 0, s) for s in (-1, 1) for t in (-1, 1)]
-    )
-    # The faces are the triples at mutual distance 2, turned so that they are seen from outside.
-    near = np.isclose(np.linalg.norm(vertices[:, None] - vertices, axis=-1), 2.0)
+    turn = 2 * np.pi / 5 * np.arange(5)
+    upper = np.stack([2 * np.sin(turn), 2 * np.cos(turn), np.ones(5)], axis=1)
+    pole = np.array([[0.0, 0.0, np.sqrt(5)]])
+    vertices = np.concatenate([pole, upper, -upper, -pole]) / np.sqrt(5)
+    # The faces are the triples of nearest neighbours, turned so that they are seen from outside.
+    edge = np.sqrt(2 - 2 / np.sqrt(5))
+    near = np.isclose(np.linalg.norm(vertices[:, None] - vertices, axis=-1), edge)
     triangles = np.array(
         [
             (i, j, k) if np.linalg.det(vertices[[i, j, k]]) > 0 else (i, k, j)
@@ -267,10 +276,9 @@ def _icosahedral_sphere(level: int):
             if near[i, j] and near[j, k] and near[i, k]
         ]
     )
-    vertices /= np.linalg.norm(vertices, axis=1, keepdims=True)
     for _ in range(level):
-        triangles, edge = split_triangles(triangles, len(vertices))
-        middle = vertices[edge.vertices].sum(axis=1)
+        triangles, edges = split_triangles(triangles, len(vertices))
+        middle = vertices[edges.vertices].sum(axis=1)
         middle /= np.linalg.norm(middle, axis=1, keepdims=True)
         vertices = np.concatenate([vertices, middle])
     return triangles, vertices
