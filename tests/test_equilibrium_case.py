@@ -2,6 +2,7 @@
 
 import json
 import os
+import shutil
 import signal
 from typing import Any
 
@@ -11,8 +12,7 @@ import pytest
 
 from jaxwillmore import equilibria
 from jaxwillmore.cases import CaseError, load_case, run_branch, run_equilibrium
-from jaxwillmore.cases._summary import unstable
-from jaxwillmore.equilibria import _branch
+from jaxwillmore.cases._doubts import unstable
 from jaxwillmore.health import _warnings
 from jaxwillmore.io import RunFolderError, read_history, read_surface
 
@@ -206,16 +206,12 @@ def test_a_branch_that_ends_early_says_where_and_keeps_its_shapes(tmp_path):
     assert len(list((run.folder / "shapes").iterdir())) == run.summary["points"] == 2
 
 
-def test_an_interrupted_branch_keeps_its_points_and_events(tmp_path, monkeypatch):
-    counts = iter(range(9))
-    row_of = _branch._row
-    counted = lambda *a: row_of(*a) | {"negative_directions": float(next(counts))}
-    monkeypatch.setattr(_branch, "_row", counted)
+def test_an_interrupted_branch_keeps_its_points(tmp_path):
     case = case_of("branch", branch={**BRANCH, "stop": 0.7}, output={"picture": True})
     run = run_branch(case, tmp_path / "out", progress=interrupt_at("point", 1, signal.SIGINT))
     assert run.summary["status"] == "interrupted" and not run.succeeded
     assert run.summary["points"] == 2 and "All its points are kept" in run.summary["message"]
-    assert run.summary["events"] == [{"point": 1, "event": "negative directions 0 -> 1"}]
+    assert run.summary["events"] == []
     assert json.loads((run.folder / "summary.json").read_text()) == run.summary
     table = read_history(run.folder / "branch.csv")
     assert len(table) == len(list((run.folder / "shapes").iterdir())) == 2
@@ -249,14 +245,13 @@ def test_a_fatal_warning_ends_a_branch_at_its_point(tmp_path, monkeypatch):
 
 
 def test_an_earlier_branch_is_replaced_whole(prolates, tmp_path):
-    _, run, _ = prolates
+    """The first has more points: none of them stays among those of the second."""
+    case, first, _ = prolates
     out = tmp_path / "out"
-    (out / "shapes").mkdir(parents=True)
-    stale = out / "shapes" / "shape_000099.npz"
-    stale.write_bytes((run.folder / "shapes" / "shape_000000.npz").read_bytes())
-    case = case_of("branch", branch={**BRANCH, "max_points": 1, "stop": 0.799})
-    run_branch(case, out, existing="replace")
-    assert not stale.exists()
+    shutil.copytree(first.folder, out)
+    short = interrupt_at("point", 0)
+    second = run_branch(case, out, existing="replace", progress=short)
+    assert len(list((out / "shapes").iterdir())) == len(second.points) < len(first.points)
 
 
 # 3. Refusals, before anything is computed.

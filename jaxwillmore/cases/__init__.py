@@ -36,6 +36,7 @@ from ._phase_section import PhaseCase as PhaseCase
 from ._run import CaseRun as CaseRun, run_case as run_case
 from ._sections import (
     BranchCase as BranchCase,
+    EquilibriumCase as EquilibriumCase,
     FlowCase as FlowCase,
     OutputCase as OutputCase,
     SurfaceCase as SurfaceCase,

@@ -8,11 +8,12 @@ from collections.abc import Callable, Iterable
 from typing import Any
 
 from .._interrupts import catch_interrupts, interrupted
-from ..equilibria import Equilibrium, branch, memory_estimate, message, name_of
+from ..equilibria import BranchEvent, Equilibrium, branch, memory_estimate, message, name_of
 from ..health import HealthWarning, health_warnings
 from ..io import RunFolder
 from ..plot import branch_picture
 from ._case import Case
+from ._doubts import doubts
 from ._equilibrium import (
     check_equilibrium,
     check_not_round,
@@ -29,7 +30,7 @@ from ._output import Existing, ending, fields_of, open_folder, pictures
 from ._sections import OF_PHASES
 from ._size import Announce, announced
 from ._start import starting_surface
-from ._summary import end_of_equilibrium, health_of, provenance, unstable, warnings_of
+from ._summary import end_of_equilibrium, health_of, provenance, warnings_of
 
 _DONE = "end_reached"
 
@@ -98,14 +99,14 @@ def run_branch(
             "parameter": case.branch.parameter,
             "points": len(recorder.points),
             "ended_at": recorder.rows[-1] if recorder.rows else None,
-            "events": [{"point": point, "event": event} for point, event in events],
+            "events": [_event(event) for event in events],
             **end_of_equilibrium(case, last, fields["H"], measures_of_start(case, start)),
             "health": [
                 {"point": number, **health_of([warning])[0]}
                 for number, warning in recorder.health.values()
             ],
             "repairs": list(start.repairs),
-            "warnings": unstable(recorder.points or [first]),
+            "warnings": doubts(recorder.points or [first]),
             "notes": notes_of(case),
             **provenance(time.perf_counter() - began),
         }
@@ -114,7 +115,7 @@ def run_branch(
             with pictures():
                 draw_shape(folder, start, last, fields["H"])
                 if recorder.points:
-                    _draw(folder, case.branch.parameter, recorder, events, status)
+                    _draw(folder, case.branch.parameter, recorder, status)
     return CaseBranch(folder.path, summary, tuple(recorder.points))
 
 
@@ -127,7 +128,7 @@ class _Recorder:
         self.rows: list[dict[str, Any]] = []
         self.health: dict[str, tuple[int, HealthWarning]] = {}
 
-    def point(self, row: dict[str, float], shape: Equilibrium) -> bool:
+    def point(self, row: dict[str, Any], shape: Equilibrium) -> bool:
         """Write one point; whether the branch is to end there."""
         number, fields = len(self.points), fields_of(shape)
         self.points.append(shape)
@@ -169,6 +170,18 @@ def _followed(case: Case, first: Equilibrium, recorder: _Recorder):
     return name_of(found.result), message(found.result), found.events
 
 
+def _event(event: BranchEvent) -> dict[str, Any]:
+    return {
+        "point": event.point,
+        "event": event.event,
+        "kind": event.kind,
+        "value": event.value,
+        "mode": event.mode,
+        "negative_directions": event.negative_directions,
+        "words": event.words,
+    }
+
+
 def _check_branch(case: Case) -> None:
     """Refuse, before anything is computed, a parameter that the constraints do not leave free."""
     check_equilibrium(case)
@@ -192,7 +205,7 @@ def _check_branch(case: Case) -> None:
         raise CaseError(problem, section="branch", key="parameter", got=name)
 
 
-def _draw(folder: RunFolder, parameter: str, recorder: _Recorder, events, status: str) -> None:
+def _draw(folder: RunFolder, parameter: str, recorder: _Recorder, status: str) -> None:
     points = recorder.points
     field = "H" if points[0].c is None else "c"
     surfaces = [(shape.mesh, shape.x, fields_of(shape)[field]) for shape in points]
@@ -207,6 +220,5 @@ def _draw(folder: RunFolder, parameter: str, recorder: _Recorder, events, status
         parameter,
         energy="bending_over_8pi_kappa" if field == "H" else "total_energy",
         field_name=field,
-        events=events,
         title=title,
     )

@@ -7,7 +7,7 @@ from ._energy_sections import GLOBAL_ENERGIES, ConstraintsCase, EnergyCase
 from ._error import CaseError, shown
 from ._keys import entries
 from ._phase_section import MODULI, PhaseCase
-from ._sections import BranchCase, FlowCase, OutputCase, SurfaceCase, TimeCase
+from ._sections import BranchCase, EquilibriumCase, FlowCase, OutputCase, SurfaceCase, TimeCase
 from ._toml import emit
 
 
@@ -32,6 +32,7 @@ class Case:
     constraints: ConstraintsCase = ConstraintsCase()
     flow: FlowCase = FlowCase()
     time: TimeCase | None = None
+    equilibrium: EquilibriumCase = EquilibriumCase()
     branch: BranchCase | None = None
     output: OutputCase = OutputCase()
 
@@ -80,6 +81,7 @@ class Case:
             self.constraints,
             self.flow,
             self.time,
+            self.equilibrium,
             self.branch,
             self.output,
         )
@@ -98,6 +100,6 @@ SECTIONS = {
     kind.name: kind
     for kind in (
         *(SurfaceCase, EnergyCase, *GLOBAL_ENERGIES.values(), PhaseCase, ConstraintsCase),
-        *(FlowCase, TimeCase, BranchCase, OutputCase),
+        *(FlowCase, TimeCase, EquilibriumCase, BranchCase, OutputCase),
     )
 }

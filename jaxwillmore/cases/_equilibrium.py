@@ -24,6 +24,7 @@ from ..io import RunFolder, write_vtu
 from ..plot import surface_picture
 from ..surface import recover_mean_curvature
 from ._case import Case
+from ._doubts import doubts
 from ._energies import bending_energy, global_energy
 from ._error import CaseError
 from ._inputs import stored_case
@@ -37,7 +38,6 @@ from ._summary import (
     measures_of,
     provenance,
     total_energy,
-    unstable,
     warnings_of,
 )
 
@@ -107,7 +107,7 @@ def run_equilibrium(
             **end_of_equilibrium(case, shape, fields["H"], measures_of_start(case, start)),
             "health": health_of(found),
             "repairs": list(start.repairs),
-            "warnings": unstable([shape]),
+            "warnings": doubts([shape]),
             "notes": notes_of(case),
             **provenance(time.perf_counter() - began),
         }
@@ -119,7 +119,7 @@ def run_equilibrium(
 
 
 def wanted_of(case: Case, start: Start) -> dict[str, Any]:
-    """Energy and targets of a case, as keyword arguments of `equilibria.equilibrium`.
+    """Energy, targets and search of a case, as keyword arguments of `equilibria.equilibrium`.
 
     **Raises:** `CaseError` for targets that cannot be.
     """
@@ -141,7 +141,7 @@ def wanted_of(case: Case, start: Start) -> dict[str, Any]:
         targets(start.mesh, start.x, bending_modulus=None, spontaneous_curvature=None, **wanted)
     except ValueError as error:
         raise CaseError(str(error), section="constraints") from error
-    return wanted
+    return wanted | {"search": case.equilibrium.search}
 
 
 def equilibrium_of(

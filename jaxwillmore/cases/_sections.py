@@ -214,7 +214,24 @@ class OutputCase:
 
 
 OF_PHASES = ("mean", "line_tension", "interface_width")
+SEARCHES = ("minimum", "stationary")
 BRANCH_PARAMETERS = ("reduced_volume", "spontaneous_curvature", "pressure", *OF_PHASES)
+
+
+@typing.no_type_check
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class EquilibriumCase:
+    """How an equilibrium is searched, alone or as the start of a branch."""
+
+    name: ClassVar[str] = "equilibrium"
+
+    search: str = declare(
+        choice("downhill all the way, or by Newton's method even to a saddle", *SEARCHES),
+        "minimum",
+    )
+
+    def __post_init__(self):
+        check_keys(self)
 
 
 @typing.no_type_check

@@ -96,26 +96,16 @@ def end_of_equilibrium(case: Case, shape: Equilibrium, H, start: dict[str, float
         "bending_over_8pi_kappa": float(shape.bending_over_8pi_kappa),
         "multipliers": {**scaled, "curvature": float(shape.curvature_multiplier)},
         "stationarity": shape.residual,
+        "search": shape.stats.get("search", "stationary"),
+        "moved": shape.stats.get("moved"),
+        "lost_symmetry": list(shape.stats.get("lost", ())),
+        "energy_error": shape.energy_error,
         "negative_directions": shape.negative_directions,
         "eigenvalues": list(shape.eigenvalues),
         "total_mean_curvature": float(shape.total_mean_curvature),
         "start": start,
         **_surface(mesh, x),
     }
-
-
-def unstable(shapes: Iterable[Equilibrium]) -> list[str]:
-    """A sentence where shapes that are stationary are no minima."""
-    counts = [shape.negative_directions for shape in shapes if shape.succeeded]
-    found = [count for count in counts if count]
-    if not found:
-        return []
-    where = "The shape is" if len(counts) == 1 else f"{len(found)} of {len(counts)} shapes are"
-    return [
-        f"{where} stationary, but no minimum: the energy falls in {max(found)} independent "
-        "directions that the constraints allow. Nothing keeps a membrane there; for the minimum "
-        "start from a less symmetric shape."
-    ]
 
 
 def total_energy(shape: Equilibrium) -> float:

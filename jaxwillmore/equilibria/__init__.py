@@ -9,6 +9,7 @@ from ._diagnostics import (
     mesh_health as mesh_health,
 )
 from ._equilibrium import equilibrium as equilibrium
+from ._events import BranchEvent as BranchEvent
 from ._memory import memory_estimate as memory_estimate
 from ._parameters import Parameters as Parameters
 from ._reference import smoothed as smoothed
@@ -21,4 +22,6 @@ from ._results import (
 )
 from ._shape import Equilibrium as Equilibrium, Resolved as Resolved, resolve as resolve
 from ._start import spheroid as spheroid
+from ._switch import switch as switch
+from ._symmetry import Symmetry as Symmetry, symmetry as symmetry
 from ._targets import SPHERE as SPHERE, only_sphere as only_sphere, targets as targets

@@ -2,31 +2,28 @@
 
 import dataclasses
 from collections.abc import Callable
+from typing import Any
 
-import equinox as eqx
-import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Float
 
 from .._interrupts import interrupted
 from .._observers import asks_to_stop
 from ..mesh import check_surface
 from ..phases import checked_width
 from ._diagnostics import mesh_health
-from ._equilibrium import LARGEST_STEP, Relaxation, settle
-from ._functional import EquilibriumSystem, Path, Reference, concentration
-from ._line import line
-from ._parameters import Units
-from ._reference import advanced
+from ._equilibrium import LARGEST_STEP
+from ._events import BranchEvent, Step, event_at, events_of
+from ._follow import Follower
 from ._results import BRANCH_RESULTS, RESULTS, message, name_of
 from ._shape import Equilibrium, finished
-from ._solve import Solved
 from ._targets import SPHERE, checked_known, only_sphere
 
 # Most of them are with a Jacobian that is kept, and cost little.
 FEW_ITERATIONS, MANY_ITERATIONS = 9, 12
 # The displacement that a step aims at, in units of the size of the surface.
 AIM = 0.06
+# Length of a step over its projection on the tangent: 1/cos 30°.
+LARGEST_BEND = 1.155
 
 
 @dataclasses.dataclass(frozen=True)
@@ -37,10 +34,11 @@ class Branch:
     """Name of the parameter followed."""
     points: tuple[Equilibrium, ...]
     """The shapes, the start first."""
-    rows: tuple[dict[str, float], ...]
-    """One dictionary of numbers per point."""
-    events: tuple[tuple[int, str], ...]
-    """Point number and what happened there: folds and changes of stability."""
+    rows: tuple[dict[str, Any], ...]
+    """One dictionary of numbers per point, and the word `event`: `"fold"`, `"bifurcation"` or
+    `None`."""
+    events: tuple[BranchEvent, ...]
+    """Folds and bifurcations, each of them a point of its own."""
     result: BRANCH_RESULTS
     """Why it ended."""
 
@@ -53,96 +51,8 @@ class Branch:
         """The rows as comma-separated values with a header."""
         names = list(self.rows[0])
         lines = [",".join(names)]
-        lines += [",".join(f"{row[name]:.12g}" for name in names) for row in self.rows]
+        lines += [",".join(_word(row[name]) for name in names) for row in self.rows]
         return "\n".join(lines) + "\n"
-
-
-class _Point(eqx.Module):
-    """Where the branch is: a reference surface at its shape, unknowns, and the tangent there."""
-
-    reference: Reference
-    y: Float[Array, "nodes fields"]
-    g: Float[Array, " globals"]
-    tangent_s: Float[Array, " nodes"]
-    tangent_y: Float[Array, "nodes fields"]
-    tangent_g: Float[Array, " globals"]
-
-    @property
-    def p(self) -> float:
-        """Scaled parameter."""
-        return float(self.g[-1])
-
-
-class _Follower:
-    """Predictor and corrector of one branch, in dimensionless unknowns."""
-
-    def __init__(self, start: Equilibrium, parameter: str, tolerance: float, linear_solver: str):
-        flags = start.fixed_area, start.fixed_volume
-        self.units: Units = start.units
-        self.relaxation = Relaxation(start.mesh, flags, tolerance, linear_solver)
-        self.base, self.direction, self.scale, value = line(start, parameter)
-        y, g = start.nodal_unknowns
-        r = self.relaxation.reference(self.units.inward(start.x), start.c)
-        g = g.at[-1].set(value / self.scale)
-        zero = jnp.zeros_like
-        self.point = _Point(r, y, g, zero(y[:, 0]), zero(y), zero(g))
-        self.value = value
-
-    def head(self, stop: float) -> None:
-        """The first tangent: the parameter alone, towards `stop`."""
-        sign = jnp.sign(stop - self.value)
-        self.point = eqx.tree_at(
-            lambda p: p.tangent_g, self.point, self.point.tangent_g.at[-1].set(sign)
-        )
-
-    def _system(self, r: Reference, path: Path) -> EquilibriumSystem:
-        system = self.relaxation.system(r, self.base)
-        return eqx.tree_at(lambda s: s.path, system, path)
-
-    def along(self, length: float):
-        """Correct the secant prediction at pseudo-arclength `length`."""
-        here = self.point
-        area = float(jnp.sum(here.reference.mass))
-        shape = here.reference.times_mass(here.tangent_s) / area
-        weight = here.tangent_g[-1]
-        path = Path(self.direction, shape, weight, length + weight * here.g[-1])
-        return self._corrected(path, length)
-
-    def to(self, p: float):
-        """Correct the prediction at a prescribed scaled parameter."""
-        here = self.point
-        length = (p - here.p) / float(here.tangent_g[-1])
-        path = Path(
-            self.direction, jnp.zeros_like(here.tangent_s), jnp.ones(()), jnp.asarray(float(p))
-        )
-        return self._corrected(path, length)
-
-    def _corrected(self, path: Path, length: float) -> tuple[EquilibriumSystem, Solved]:
-        here = self.point
-        system = self._system(here.reference, path)
-        g = here.g + length * here.tangent_g
-        y = here.y + length * here.tangent_y
-        solved = self.relaxation.solve(system, y, g, length * here.tangent_s)
-        return system, solved
-
-    def settled(self, system: EquilibriumSystem, solved: Solved):
-        """The same parameter again, on the reference surface that belongs to the shape."""
-        s, y, g = system.unpack(solved.unknowns)
-        r = self.relaxation.reference(advanced(system.reference, s), concentration(y))
-        path = Path(self.direction, jnp.zeros_like(s), jnp.ones(()), g[-1])
-        return settle(self.relaxation, self._system(r, path), y, g)
-
-    def accept(self, system: EquilibriumSystem, solved: Solved) -> None:
-        """Move on: a new reference surface and the secant as seen from it."""
-        here = self.point
-        s, y, g = system.unpack(solved.unknowns)
-        X = advanced(here.reference, s)
-        r = self.relaxation.reference(X, concentration(y))
-        step_s = jnp.sum((X - here.reference.X) * r.n, axis=1)
-        area = jnp.sum(r.mass)
-        norm = jnp.sqrt(jnp.sum(step_s * r.times_mass(step_s)) / area + (g[-1] - here.g[-1]) ** 2)
-        steps = step_s, y - here.y, g - here.g
-        self.point = _Point(r, y, g, *(step / norm for step in steps))
 
 
 def branch(
@@ -159,13 +69,19 @@ def branch(
     tolerance: float = 1e-10,
     linear_solver: str = "direct",
     throw: bool = False,
-    observer: Callable[[dict[str, float], Equilibrium], bool | None] | None = None,
+    observer: Callable[[dict[str, Any], Equilibrium], bool | None] | None = None,
 ) -> Branch:
     r"""Follow a family of equilibria from one of them until a parameter reaches `stop`.
 
     Secant predictor, Newton corrector with a pseudo-arclength equation in the plane of normal
     displacement and parameter, so that folds are passed; after every point the reference surface
-    moves to the shape with the least deformation. The last point has the parameter `stop` exactly.
+    moves to the shape with the least deformation. A step that bends by more than 30° from the one
+    before is halved, so that the branch does not jump to another one nearby. The last point has the
+    parameter `stop` exactly.
+
+    Where a constrained eigenvalue changes its sign, or the branch turns, the place is found to 1e-5
+    of the scaled parameter and becomes a point of its own: a fold, a pitchfork or a transcritical
+    point (`BranchEvent`), from which `switch` starts the branch that crosses.
 
     **Arguments:**
 
@@ -186,22 +102,22 @@ def branch(
 
     **Raises:** `ValueError` for a parameter that the start does not allow, or an impossible `stop`.
 
-    *Limits:* branches are not switched on purpose. Where another one crosses, the corrector may
-    stay or change over: a change of `negative_directions` without a fold among the events, or a
-    shape that has lost its symmetry, tells.
+    *Limits:* with `stability=False`, or a start that has no eigenvalues, bifurcations are passed
+    without a word. A mesh whose symmetry does not hold that of the branch is an imperfection: there
+    a pitchfork dissolves into a fold and a smooth bend, which may lead away; meshes of
+    `mesh.from_sphere_map` are five-fold about z, and keep bodies of revolution about z on theirs.
     """
     checked_known("branch", equilibrium=equilibrium, stop=stop)
     _check_stop(equilibrium, parameter, stop)
-    follower = _Follower(equilibrium, parameter, tolerance, linear_solver)
+    follower = Follower(equilibrium, parameter, tolerance, linear_solver)
     size = follower.scale
     step0 = 0.04 * size if step0 is None else abs(step0)
     limits = (
         (1e-4 * size if min_step is None else min_step) / size,
         (0.5 * size if max_step is None else max_step) / size,
     )
-    follower.head(stop)
     run = _Run(follower, equilibrium, parameter, stability, self_contact, observer)
-    result = run.follow(stop / size, step0 / size, limits, max_points)
+    result = run.follow(stop, step0 / size, limits, max_points)
     done = Branch(parameter, tuple(run.points), tuple(run.rows), tuple(run.events), result)
     if throw and not (done.succeeded or bool(result == BRANCH_RESULTS.stopped)):
         last = run.rows[-1][parameter]
@@ -236,34 +152,37 @@ class _Run:
         self.follower, self.parameter, self.observer = follower, parameter, observer
         self.stability, self.self_contact = stability, self_contact
         self.points: list[Equilibrium] = []
-        self.rows: list[dict[str, float]] = []
-        self.events: list[tuple[int, str]] = []
+        self.rows: list[dict[str, Any]] = []
+        self.events: list[BranchEvent] = []
         self.stopped = False
+        self.regular = start
         self._add(start, follower.value, 0, 0.0)
 
-    def follow(self, stop: float, length: float, limits, max_points: int) -> BRANCH_RESULTS:
-        f = self.follower
+    def follow(self, stop: float, step0: float, limits, max_points: int) -> BRANCH_RESULTS:
+        f, accepted = self.follower, 0
         if self.stopped:
             return BRANCH_RESULTS.stopped
-        if stop == f.point.p:
+        if stop == f.value:
             return BRANCH_RESULTS.end_reached
-        side = np.sign(stop - f.point.p)
-        while len(self.points) <= max_points:
+        f.head(stop)
+        side, stop = np.sign(stop - f.value), stop / f.scale
+        length = max(f.first_length(step0, AIM), limits[0])
+        while accepted < max_points:
             if interrupted():
                 return BRANCH_RESULTS.interrupted
             here = f.point
             ahead = here.p + length * float(here.tangent_g[-1])
             # Nearer to the end than the smallest step is at the end.
-            last = side * (ahead - stop) >= -limits[0]
-            system, solved = f.to(stop) if last else f.along(length)
-            s, _, g = system.unpack(solved.unknowns)
-            displaced = float(system.assessed(solved.unknowns).step)
-            good = solved.converged and displaced < LARGEST_STEP
-            if good and not last and side * (float(g[-1]) - stop) > 0:
+            last = bool(side * (ahead - stop) >= -limits[0])
+            at = self._to(stop) if last else self._along(length)
+            system, solved = at(1.0)
+            good = self._is_good(system, solved)
+            if good and not last and side * (float(solved.unknowns[-1]) - stop) > 0:
                 # The curve bent towards the end: take the rest in one step of known size.
-                last = True
-                system, solved = f.to(stop)
+                last, at = True, self._to(stop)
+                system, solved = at(1.0)
                 good = solved.converged
+            through = system, solved
             if good and last:
                 final = f.settled(system, solved)
                 good = final is not None
@@ -273,48 +192,89 @@ class _Run:
                 if length < limits[0]:
                     return BRANCH_RESULTS.step_too_small
                 continue
-            trouble = self._record(system, solved, length)
+            trouble = self._record(at, through, (system, solved), length, last)
             if trouble is not None or last:
                 return BRANCH_RESULTS.end_reached if trouble is None else trouble
-            previous = here.tangent_g[-1]
+            accepted += 1
+            displaced = float(system.assessed(solved.unknowns).step)
             f.accept(system, solved)
-            if float(previous * f.point.tangent_g[-1]) < 0:
-                self.events.append((len(self.points) - 1, "fold"))
             length = _next_length(length, int(solved.iterations), displaced, limits[1])
         return BRANCH_RESULTS.point_limit
 
-    def _record(self, system, solved, length) -> BRANCH_RESULTS | None:
-        """Keep a point, unless its mesh is no evidence; the reason to stop there, if any."""
-        r = system.reference
+    def _along(self, length: float):
+        return lambda t: self.follower.along(t * length)
+
+    def _to(self, stop: float):
+        start = self.follower.point.p
+        return lambda t: self.follower.to(start + t * (stop - start))
+
+    def _is_good(self, system, solved) -> bool:
+        """Whether a step converged, is small, and follows the tangent."""
+        if not solved.converged:
+            return False
+        small = float(system.assessed(solved.unknowns).step) < LARGEST_STEP
+        return small and self.follower.bend(system, solved) < LARGEST_BEND
+
+    def _record(self, at, through, end, length: float, last: bool) -> BRANCH_RESULTS | None:
+        """Keep what lies on a step and its end, unless the mesh is no evidence; why to stop."""
+        system, solved = end
+        r, f = system.reference, self.follower
         x = r.positions(system.unpack(solved.unknowns)[0])
         if not mesh_health(r.mesh, x).is_sound:
             return BRANCH_RESULTS.resolution_lost
         if self.self_contact and _pierces(r.mesh, x):
             return BRANCH_RESULTS.self_contact
+        iterations = int(solved.iterations)
+        stats = {"newton_iterations": iterations}
         point = finished(
             system,
             solved,
             RESULTS.converged,
-            self.follower.units,
+            f.units,
             self.stability,
-            self.follower.relaxation.linear_solver,
-            {"newton_iterations": int(solved.iterations)},
+            f.relaxation.linear_solver,
+            stats,
         )
-        value = float(solved.unknowns[-1]) * self.follower.scale
-        self._add(point, value, int(solved.iterations), length * self.follower.scale)
+        # At the end the parameter is prescribed: nothing turns on the way there.
+        ahead = float(f.point.tangent_g[-1])
+        turned = not last and ahead * float(f.tangent(through[0], through[1].unknowns)[-1]) < 0
+        self._between(Step(at, f.linear_solver), point, np.sign(ahead) if turned else 0.0)
+        if self.stopped:
+            return BRANCH_RESULTS.stopped
+        self.regular = point
+        self._add(point, float(solved.unknowns[-1]) * f.scale, iterations, length * f.scale)
         return BRANCH_RESULTS.stopped if self.stopped else None
 
-    def _add(self, point: Equilibrium, value: float, iterations: int, step: float) -> None:
-        row = _row(point, self.parameter, value, iterations, step)
-        before = self.rows[-1]["negative_directions"] if self.rows else np.nan
+    def _between(self, step: Step, point: Equilibrium, turn: float) -> None:
+        """Find the folds and bifurcations before the next point and keep each as a point."""
+        f, before = self.follower, self.regular
+        negative = before.negative_directions, point.negative_directions
+        known = None if None in negative else negative
+        try:
+            for t, is_fold in events_of(step, before, point, turn):
+                event = event_at(step, t, is_fold, self.parameter, f.scale, f.units, known)
+                event = dataclasses.replace(event, point=len(self.points))
+                self.events.append(event)
+                iterations = int(step.found(t).solved.iterations)
+                self._add(event.shape, event.value, iterations, 0.0, event.event)
+                if self.stopped:
+                    return
+        except ArithmeticError:
+            # The corrector fails where branches meet: the change of stability still shows.
+            return
+
+    def _add(
+        self, point, value: float, iterations: int, step: float, event: str | None = None
+    ) -> None:
+        row = _row(point, self.parameter, value, iterations, step) | {"event": event}
         self.points.append(point)
         self.rows.append(row)
-        now = row["negative_directions"]
-        if np.isfinite(before) and np.isfinite(now) and before != now:
-            event = f"negative directions {before:.0f} -> {now:.0f}"
-            self.events.append((len(self.points) - 1, event))
         if self.observer is not None:
             self.stopped = asks_to_stop(self.observer(row, point))
+
+
+def _word(value) -> str:
+    return (value or "") if value is None or isinstance(value, str) else f"{value:.12g}"
 
 
 def _next_length(length: float, iterations: int, displaced: float, largest: float) -> float:
@@ -336,6 +296,7 @@ def _row(point: Equilibrium, parameter: str, value: float, iterations: int, step
         "scaled_pressure": float(point.scaled_pressure),
         "negative_directions": float("nan") if negative is None else float(negative),
         "lowest_eigenvalue": point.eigenvalues[0] if point.eigenvalues else float("nan"),
+        "energy_error": point.energy_error,
         "min_angle": health.min_angle,
         "mid_node_offset": health.mid_node_offset,
         "min_jacobian": health.min_jacobian,

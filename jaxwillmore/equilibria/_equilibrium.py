@@ -27,6 +27,7 @@ from ._reference import advanced, prepare, reference
 from ._results import RESULTS, message, name_of
 from ._shape import Equilibrium, constant_path, finished
 from ._solve import Solved, newton_on_host
+from ._symmetry import lost, symmetry
 from ._targets import checked_known, checked_start, targets
 
 FIRST_TAU = 1e-3
@@ -46,6 +47,7 @@ NEARLY_SETTLED, SETTLED_TAU = 0.02, 0.3
 AMOUNT_RAMP = 0.03
 # A displacement smaller than this leaves the mesh of the reference as it is.
 SETTLED = 2e-4
+SEARCHES = "minimum", "stationary"
 # Discretisation error that a change of reference may show as a rise of the energy.
 RISE = 1e-3
 
@@ -74,11 +76,20 @@ class Relaxation:
             jnp.asarray(inverse_tau, float),
         )
 
-    def solve(self, system: EquilibriumSystem, y, g, s=None, *, loose: bool = False) -> Solved:
-        """Newton's method from a start; to a few digits only where `loose`."""
+    def solve(
+        self,
+        system: EquilibriumSystem,
+        y,
+        g,
+        s=None,
+        *,
+        loose: bool = False,
+        most: int = MAX_ITERATIONS,
+    ) -> Solved:
+        """Newton's method from a start, at `most` iterations; to a few digits where `loose`."""
         start = system.pack(jnp.zeros(y.shape[0]) if s is None else s, y, g)
         tolerance, exact = (LOOSE, LOOSE) if loose else (self.tolerance, EXACT)
-        solved = newton_on_host(system, start, tolerance, MAX_ITERATIONS, self.linear_solver, exact)
+        solved = newton_on_host(system, start, tolerance, most, self.linear_solver, exact)
         self.iterations += int(solved.iterations)
         return solved
 
@@ -98,6 +109,7 @@ def equilibrium(
     c: Any = None,
     amount: Any = "initial",
     mean=None,
+    search: str = "minimum",
     tolerance: float = 1e-10,
     max_outer: int = 60,
     stability: bool = True,
@@ -142,6 +154,10 @@ def equilibrium(
     - `amount`: $\int c$: `"initial"` or a number. With a number for `area` the initial amount is
       scaled like the area.
     - `mean`: instead of `amount`, $\int c$ over the area that is held.
+    - `search`: `"minimum"` goes down in energy all the way; by symmetry it may still end on a
+      saddle, which `negative_directions` tells. `"stationary"` starts with Newton's method and
+      lets it climb, for shapes that are known to be near but not stable; `stats["lost"]` says
+      which symmetry of the start the shape does not have any more.
     - `tolerance`: largest error of the dimensionless unknowns.
     - `max_outer`: pseudo-time steps, rejected ones included.
     - `stability`: count the negative directions.
@@ -176,6 +192,8 @@ def equilibrium(
     own = {"bending_modulus": bending_modulus, "spontaneous_curvature": spontaneous_curvature}
     checked_known("equilibrium", **own)
     x0 = checked_start(mesh, x0)
+    if search not in SEARCHES:
+        raise ValueError(f"`search` must be one of {SEARCHES}; got {search!r}.")
     if tolerance <= 0 or max_outer < 1:
         raise ValueError("`tolerance` must be positive and `max_outer` at least 1.")
     checked_memory(
@@ -206,19 +224,28 @@ def equilibrium(
     now = area_and_volume(mesh, relaxation.rule, x0)[0]
     X = units.inward(x0) * jnp.sqrt(target.area / now)
     c = None if c is None else double("c", c)
-    ended = relax(relaxation, X, units.parameters(target), max_outer, observer, c)
-    return concluded(relaxation, ended, units, stability, throw, started)
+    climbs = search == "stationary"
+    ended = relax(relaxation, X, units.parameters(target), max_outer, observer, c, climbs)
+    return concluded(relaxation, ended, X, units, stability, throw, started, search)
 
 
-def concluded(relaxation: Relaxation, ended, units: Units, stability: bool, throw: bool, started):
+def concluded(
+    relaxation: Relaxation, ended, X, units: Units, stability: bool, throw: bool, started, search
+):
     """The equilibrium that a search `(system, solved, result, outer steps)` ended at.
+
+    - `X`: the nodes that it started from, dimensionless.
 
     **Raises:** `RuntimeError` with `throw`, unless it converged.
     """
     system, solved, result, outer = ended
+    x = system.reference.positions(system.unpack(solved.unknowns)[0])
     stats = {
+        "search": search,
         "outer_steps": outer,
         "newton_iterations": relaxation.iterations,
+        "moved": float(jnp.max(jnp.linalg.norm(x - X, axis=1))),
+        "lost": lost(symmetry(relaxation.mesh, X), symmetry(relaxation.mesh, x)),
         "seconds": time.perf_counter() - started,
     }
     eq = finished(system, solved, result, units, stability, relaxation.linear_solver, stats)
@@ -227,8 +254,19 @@ def concluded(relaxation: Relaxation, ended, units: Units, stability: bool, thro
     return eq
 
 
-def relax(relaxation: Relaxation, X, target: Parameters, max_outer: int, observer, c=None):
-    """Pseudo-time steps from nodes `X` and a concentration to the final solve, dimensionless."""
+def relax(
+    relaxation: Relaxation,
+    X,
+    target: Parameters,
+    max_outer: int,
+    observer,
+    c=None,
+    climbs: bool = False,
+):
+    """Pseudo-time steps from nodes `X` and a concentration to the final solve, dimensionless.
+
+    - `climbs`: begin with the final solve, and let it rise in energy.
+    """
     mesh = relaxation.mesh
     r = relaxation.reference(X, c)
     y = _first_fields(r, target)
@@ -240,6 +278,10 @@ def relax(relaxation: Relaxation, X, target: Parameters, max_outer: int, observe
     start = system.pack(jnp.zeros(len(X)), y, g)
     untried = optx.RESULTS.nonlinear_max_steps_reached
     best = system, Solved(start, jnp.asarray(jnp.inf), jnp.asarray(0), untried)
+    if climbs and _ramped(relaxation, held, target, rate)[2]:
+        final = settle(relaxation, system, y, g)
+        if final is not None:
+            return *final, RESULTS.converged, 0
     for outer in range(1, max_outer + 1):
         if interrupted():
             return *best, RESULTS.interrupted, outer - 1
@@ -270,7 +312,8 @@ def relax(relaxation: Relaxation, X, target: Parameters, max_outer: int, observe
         r, y, g = relaxation.reference(advanced(r, s), concentration(new_y)), new_y, new_g
         held = aim.volume, aim.amount
         if arrived and size * max(1.0, SETTLED_TAU / tau) < NEARLY_SETTLED:
-            final = settle(relaxation, relaxation.system(r, target), y, g, float(found.objective))
+            before = None if climbs else float(found.objective)
+            final = settle(relaxation, relaxation.system(r, target), y, g, before)
             if final is not None:
                 return *final, RESULTS.converged, outer
         tau, rate = tau * GROWTH, min(1.5 * rate, VOLUME_RAMP)

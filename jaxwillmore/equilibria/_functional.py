@@ -162,7 +162,7 @@ class EquilibriumSystem(AbstractSparseSystem):
         r = self.reference
         return U[:, :1] if r.c is None else jnp.stack([U[:, 0], U[:, 4] - r.c], axis=1)
 
-    def _stationarity(self, U, g):
+    def stationarity(self, U, g):
         r"""Derivatives of L by the nodal unknowns, and of F by $\sigma$, $-P$, $m$, $-\mu$."""
         r, p = self.reference, self.at(g[PATH])
 
@@ -204,7 +204,7 @@ class EquilibriumSystem(AbstractSparseSystem):
     def residual(self, y):
         s, fields, g = self.unpack(y)
         r, U = self.reference, jnp.concatenate([s[:, None], fields], axis=1)
-        slope, measures = self._stationarity(U, g)
+        slope, measures = self.stationarity(U, g)
         closures = self._closures(measures, g)
         of_rigid = r.rigid @ s - RIGID_SOFTNESS * g[RIGID]
         if r.rigid_c is not None:
@@ -219,7 +219,7 @@ class EquilibriumSystem(AbstractSparseSystem):
         s, fields, g = self.unpack(v)
         r, p, zero = self.reference, self.at(g[PATH]), jnp.zeros(())
         x, U = r.positions(s), jnp.concatenate([s[:, None], fields], axis=1)
-        A, V, M = self._stationarity(U, g)[1][:3]
+        A, V, M = self.stationarity(U, g)[1][:3]
         # Without loads; what m adds is taken off again.
         bare = jnp.zeros_like(g).at[CURVATURE].set(g[CURVATURE])
         F = integral(r.mesh, r.rule, jnp.concatenate([x, fields], axis=1), p, bare)
@@ -276,14 +276,14 @@ class EquilibriumSystem(AbstractSparseSystem):
         varied = jnp.array([*closed, PATH])
 
         def by(direction):
-            return jax.jvp(lambda g: self._stationarity(U, g), (g,), (direction,))[1]
+            return jax.jvp(lambda g: self.stationarity(U, g), (g,), (direction,))[1]
 
         of_varied, of_measures = jax.vmap(by)(jnp.eye(len(g))[varied])
         columns = jnp.zeros((len(g), *U.shape)).at[varied].set(of_varied)
         columns = columns.at[RIGID].set(self.reference.rigid_rows)
         # What the closures see of the nodes are measures, the derivatives of F by the multipliers.
         signs = jnp.array([1.0, -1.0, 1.0, -1.0])[: len(closed)]
-        measures = self._stationarity(U, g)[1]
+        measures = self.stationarity(U, g)[1]
         by_measures, by_g = jax.jacfwd(self._closures, argnums=(0, 1))(measures, g)
         by_g = by_g.at[:, varied].add(by_measures @ of_measures.T)
         closed = jnp.array(closed)

@@ -62,4 +62,5 @@ def refined(
         ended = relax(relaxation, X, target, max_outer, None, concentration(y))
     else:
         ended = *found, RESULTS.converged, 0
-    return concluded(relaxation, ended, units, stability, throw, started)
+    search = equilibrium.stats.get("search", "stationary")
+    return concluded(relaxation, ended, X, units, stability, throw, started, search)

@@ -8,7 +8,9 @@ import jax.numpy as jnp
 import optimistix as optx
 from jaxtyping import Array, Bool, Float
 
+from ..fem import integrate
 from ..mesh import SurfaceMesh
+from ..surface import mean_curvature_vector
 from ._density import CURVATURE, PATH, POTENTIAL, PRESSURE, TENSION, amount_of, area_and_volume
 from ._diagnostics import MeshHealth, mesh_health
 from ._functional import N_GLOBALS, EquilibriumSystem, Path, Reference, concentration
@@ -16,7 +18,7 @@ from ._parameters import Parameters, Scaled, Units
 from ._phases import ScaledPhases
 from ._results import RESULTS
 from ._solve import Solved, newton
-from ._stability import lowest_modes
+from ._stability import lowest_eigenvalues
 
 N_MODES = 8
 
@@ -133,9 +135,41 @@ class Equilibrium(eqx.Module):
         return mesh_health(self.mesh, self.x)
 
     @property
+    def energy_error(self) -> float:
+        r"""Estimated relative error of $\tfrac12\int H^2$ that is the mesh's.
+
+        The weak mean curvature vector Y of a smooth surface is normal; its tangential part is an
+        error, and at a stationary shape that of the energy is of its square:
+
+        $$ \eta = 0.55 \int |Y - (Y\cdot n)\, n|^2 \Big/ \int |Y|^2. $$
+
+        Against axisymmetric references, prolates, oblates and stomatocytes on graded meshes of
+        degrees 2 to 4, it was within a factor of 3, and of 4 on 162 nodes.
+        """
+        return float(tangential_part(self.mesh, self.x))
+
+    @property
     def succeeded(self) -> bool:
         """Whether the shape is stationary to the tolerance."""
         return bool(self.result == RESULTS.converged)
+
+
+# Error of the energy over the tangential part of Y: 0.14 to 0.77 on smooth shapes, 1.2 to 1.6 on
+# stomatocytes of v = 0.58.
+OF_THE_TANGENTIAL_PART = 0.55
+
+
+@eqx.filter_jit
+def tangential_part(mesh: SurfaceMesh, x: Float[Array, "nodes 3"]) -> Float[Array, ""]:
+    """The estimate of `Equilibrium.energy_error`."""
+    Y = mean_curvature_vector(mesh, x)
+
+    def squares(point, f):
+        whole = jnp.sum(f.Y.value**2)
+        return jnp.stack([whole - jnp.sum(f.Y.value * point.normal) ** 2, whole])
+
+    tangential, whole = integrate(mesh, x, squares, {"Y": Y})
+    return OF_THE_TANGENTIAL_PART * tangential / whole
 
 
 def constant_path(r: Reference, parameters: Parameters) -> Path:
@@ -296,8 +330,7 @@ def finished(
     )
     values: tuple[float, ...] = ()
     if stability and bool(result == RESULTS.converged):
-        lowest, _ = lowest_modes(system, solved.unknowns, N_MODES, linear_solver)
-        values = tuple(float(value) for value in lowest)
+        values = lowest_eigenvalues(system, solved.unknowns, N_MODES, linear_solver)
     return Equilibrium(
         **found,
         mesh=r.mesh,

@@ -9,7 +9,7 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from ..energies import Willmore, willmore_of_field
-from ..equilibria import MAX_OFFSET, MIN_ANGLE, MIN_JACOBIAN, mesh_health
+from ..equilibria import MAX_OFFSET, MIN_ANGLE, mesh_health
 from ..mesh import SurfaceMesh, check_mesh
 from ._energy_error import energy_error, least_willmore
 
@@ -17,6 +17,8 @@ from ._energy_error import energy_error, least_willmore
 UNRESOLVED = 0.2
 # A mesh that needs a larger allowance than this below the bound is not resolved anyway.
 LARGEST_ALLOWANCE = 0.1
+# Area elements that vary more than this within a triangle tell that it is about to fold.
+MIN_JACOBIAN = 0.2
 # Relative distance of the two energies that time stepping alone may leave.
 APART = 0.01
 
@@ -122,7 +124,7 @@ def _elements(mesh, x) -> list[HealthWarning]:
     if not health.min_jacobian > MIN_JACOBIAN:
         text = (
             f"The area element of a curved triangle falls to {health.min_jacobian:.2g} of its "
-            "mean: the triangle is folded or nearly so."
+            "mean: the triangle is folded, or on the way to it."
         )
         found.append(HealthWarning("collapsed_element", health.min_jacobian, MIN_JACOBIAN, text))
     return found

@@ -32,7 +32,6 @@ def branch_picture(
     *,
     energy: str = "bending_over_8pi_kappa",
     field_name: str = "H",
-    events: Sequence[tuple[int, str]] = (),
     title: str | None = None,
     renderer: str = "auto",
     dpi: float = 130.0,
@@ -40,15 +39,15 @@ def branch_picture(
     """Draw a branch of equilibria into a PNG file: its energy over the parameter that was followed.
 
     Above the curve stand up to six of its shapes at one scale, coloured by a field. Stable points
-    are filled, unstable ones open. Folds are marked.
+    are filled, unstable ones open. Folds and bifurcations are marked.
 
     **Arguments:**
 
-    - `rows`: one dictionary per point with the parameter, the energy and `negative_directions`.
+    - `rows`: one dictionary per point with the parameter, the energy, `negative_directions`, and
+      `event`: `"fold"`, `"bifurcation"` or `None`.
     - `surfaces`: mesh, nodes and a nodal field of every point.
     - `energy`: the column that is drawn, E/(8πκ) by default.
     - `field_name`: what the nodal field is, `"H"` or `"c"`.
-    - `events`: point number and what happened there.
 
     **Raises:** `PlotError` when there are no points, matplotlib is missing, or the file cannot be
     written.
@@ -68,9 +67,11 @@ def branch_picture(
     ):
         if np.any(chosen):
             axes.plot(p[chosen], E[chosen], "o", ms=6.5, mfc=face, mec=_BLUE, label=label, zorder=3)
-    folds = [number for number, event in events if event == "fold"]
-    if folds:
-        axes.plot(p[folds], E[folds], "D", ms=11, mfc="none", mec=_ORANGE, label="fold")
+    for event, marker in (("fold", "D"), ("bifurcation", "o")):
+        there = [number for number, row in enumerate(rows) if row["event"] == event]
+        if there:
+            style = {"ms": 11, "mfc": "none", "mec": _ORANGE, "ls": ""}
+            axes.plot(p[there], E[there], marker, label=event, **style)
     _style(axes, _LABELS.get(parameter, parameter), _LABELS.get(energy, energy))
     _thumbnails(figure, axes, p, E, surfaces, field_name, renderer, dpi)
     if title is not None:

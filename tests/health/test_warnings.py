@@ -60,8 +60,7 @@ def test_an_energy_below_the_bound_is_named(sphere, monkeypatch):
 def test_a_surface_flattened_to_a_disc_is_unresolved():
     """All of its curvature sits at a rim that no triangle sees."""
     mesh, x, _ = make_shape("sphere", level=1, degree=1)
-    found = kinds(mesh, x * jnp.array([[1.0, 1.0, 1e-2]]))
-    assert found == ["unresolved_curvature", "small_angle"]
+    assert "unresolved_curvature" in kinds(mesh, x * jnp.array([[1.0, 1.0, 1e-2]]))
 
 
 def test_an_icosahedron_is_unresolved():

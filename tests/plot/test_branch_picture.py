@@ -9,18 +9,16 @@ from jaxwillmore.mesh import icosphere
 from jaxwillmore.plot import PlotError, branch_picture
 from jaxwillmore.plot._branch import _spread
 
-NAMES = "reduced_volume", "bending_over_8pi_kappa", "negative_directions"
+NAMES = "reduced_volume", "bending_over_8pi_kappa", "negative_directions", "event"
 
 
 def test_a_branch_becomes_a_picture(tmp_path):
     mesh, x = icosphere(0, degree=2)
-    values = [(0.9, 1.2, 0), (0.8, 1.4, 1), (0.82, 1.5, np.nan)]
+    values = [(0.9, 1.2, 0, None), (0.8, 1.4, 1, "fold"), (0.82, 1.5, np.nan, None)]
     rows: list[dict[str, Any]] = [dict(zip(NAMES, row, strict=True)) for row in values]
     surfaces = [(mesh, np.asarray(x) * [1.0, 1.0, k + 1.0], x[:, 2]) for k in range(3)]
     path = tmp_path / "branch.png"
-    branch_picture(
-        path, rows, surfaces, NAMES[0], events=[(1, "fold")], title="3", renderer="matplotlib"
-    )
+    branch_picture(path, rows, surfaces, NAMES[0], title="3", renderer="matplotlib")
     assert path.read_bytes().startswith(b"\x89PNG")
 
 
