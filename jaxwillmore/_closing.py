@@ -57,11 +57,24 @@ def branch_closing(summary: dict[str, Any]) -> str:
     """The end of a branch."""
     end, name = summary["ended_at"], summary["parameter"]
     where = "" if end is None else f" at {name} = {end[name]:.6g}"
-    events = "".join(f"\npoint {e['point']}: {e['event']}" for e in summary["events"])
+    events = "".join(f"\npoint {e['point']}: {e['words']}" for e in summary["events"])
     return (
         f"{summary['status']}{where} after {summary['points']} points "
         f"({summary['wall_seconds']:.1f} s){events}\nlast: {_shape_words(summary)}"
     )
+
+
+def fit_closing(summary: dict[str, Any]) -> list[str]:
+    """The end of a fit: verdict, intervals, and what the data do not tell."""
+    right = summary["intervals_95_if_the_model_were_right"]
+    wider = summary.get("intervals_95_of_the_discrepancy", {})
+    lines = [f"verdict: {summary['verdict']}"]
+    for name, (low, high) in right.items():
+        line = f"{name}: {low:.6g} to {high:.6g} (95 %, if the model were right)"
+        if name in wider:
+            line += f", {wider[name][0]:.6g} to {wider[name][1]:.6g} (model discrepancy)"
+        lines.append(line)
+    return lines + list(summary["in_words"])
 
 
 def _shape_words(summary: dict[str, Any]) -> str:

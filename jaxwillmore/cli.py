@@ -8,7 +8,13 @@ from collections.abc import Callable, Sequence
 from typing import Any
 
 from ._cache import keep_compiled
-from ._closing import branch_closing, equilibrium_closing, flow_closing, progress_words
+from ._closing import (
+    branch_closing,
+    equilibrium_closing,
+    fit_closing,
+    flow_closing,
+    progress_words,
+)
 from ._console import lasting_output
 from ._interrupts import catch_interrupts, exit_status, signals_answered
 from ._version import __version__
@@ -243,9 +249,7 @@ def _fitted(args: argparse.Namespace, run_fit: Any) -> int:
         return _complain(error, FAILED)
     summary = run.summary
     if not args.quiet:
-        for name, (low, high) in summary["intervals_95"].items():
-            print(f"{name}: {low:.6g} to {high:.6g} (95 %)")
-        print("\n".join([*summary["in_words"], f"written to {run.folder}"]))
+        print("\n".join([*fit_closing(summary), f"written to {run.folder}"]))
     if summary["status"] == "interrupted":
         return _complain(summary["message"], exit_status())
     return OK if run.succeeded else _complain(summary["message"], FAILED)

@@ -10,7 +10,7 @@ from ..plot import surface_picture
 from ._error import CaseError
 from ._fit_case import FitTask
 from ._fit_pictures import warned_only
-from ._fit_summary import ending, identification
+from ._fit_summary import ending, identification, verdict_of
 
 
 def balance(task: FitTask, targets, folder: RunFolder, resume: bool, progress) -> dict[str, Any]:
@@ -32,6 +32,7 @@ def balance(task: FitTask, targets, folder: RunFolder, resume: bool, progress) -
     told = found.identification.identifiable
     return {
         **ending(fits.RESULTS.converged if all(told.values()) else fits.RESULTS.not_identifiable),
+        **verdict_of(found.verdict),
         "parameters": list(found.parameters),
         "unexplained": found.unexplained,
         **identification(found.identification),

@@ -9,7 +9,7 @@ from ..io import RunFolder, write_npz
 from ._fit_case import FitTask
 from ._fit_iterate import read_iterate, write_iterate
 from ._fit_pictures import draw_profiles, draw_shape, warned_only
-from ._fit_summary import ending, identification
+from ._fit_summary import ending, identification, verdict_of
 
 
 def match(task: FitTask, targets, folder: RunFolder, resume: bool, progress) -> dict[str, Any]:
@@ -43,7 +43,7 @@ def match(task: FitTask, targets, folder: RunFolder, resume: bool, progress) -> 
         level=model.level,
         distance=fit.distance,
         max_degree=fit.max_degree,
-        both_ways=fit.both_ways,
+        both_ways=fit.both_ways if fit.distance == "points" else None,
         noise=fit.noise,
         tolerance=fit.tolerance,
         max_steps=fit.max_steps,
@@ -62,6 +62,7 @@ def _summary(found: fits.ShapeFit) -> dict[str, Any]:
     by_mesh = fits.mesh_errors(found) if found.succeeded else {}
     return {
         **ending(found.result),
+        **verdict_of(found.verdict, _coarse_words(found, by_mesh)),
         "shapes": [
             {
                 "parameters": shape.parameters,
@@ -80,7 +81,7 @@ def _summary(found: fits.ShapeFit) -> dict[str, Any]:
 
 
 def _draw(folder: RunFolder, targets, found: fits.ShapeFit) -> None:
-    status = fits.name_of(found.result).replace("_", " ")
+    status = found.verdict.word
     with warned_only():
         for k, (target, shape) in enumerate(zip(targets, found.shapes, strict=True)):
             p, rms = shape.parameters, shape.distances["rms"]

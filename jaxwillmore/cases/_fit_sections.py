@@ -60,7 +60,9 @@ class ModelCase:
 
     name: ClassVar[str] = "model"
 
-    kind: str = declare(choice("family of shapes to start in", "prolate", "oblate"), "prolate")
+    kind: str = declare(
+        choice("family of shapes to start in", "prolate", "oblate", "several"), "prolate"
+    )
     level: int = declare(integer("refinement: 1, 2, 3 for 162, 642, 2562 nodes", 1, 5), 2)
     reduced_volume: float | None = declare(
         optional(number("start or held value", above=0.2, below=1.0)), None
@@ -125,7 +127,7 @@ class FitCase:
         "points",
     )
     max_degree: int = declare(integer("largest degree of the harmonics", 2, 30), 12)
-    both_ways: bool = declare(flag("also from the model to the target"), False)
+    both_ways: bool = declare(flag("of points: also from the model to the target"), True)
     noise: float | None = declare(
         optional(number("standard deviation of the nodes of the target", above=0.0)), None
     )

@@ -17,7 +17,7 @@ from ._fit_case import FitTask
 from ._fit_iterate import read_iterate, write_iterate
 from ._fit_pictures import draw_profiles, draw_shape, warned_only
 from ._fit_sections import FLOW_PARAMETERS, FlowModelCase
-from ._fit_summary import ending, identification
+from ._fit_summary import ending, identification, verdict_of
 
 LOADS = (("tension", SurfaceTension), ("pressure", Pressure))
 
@@ -98,7 +98,7 @@ def series(task: FitTask, surfaces, folder: RunFolder, resume: bool, progress) -
         write_npz(folder.file(f"final_{k}.npz"), shape.mesh, shape.x)
     if fit.picture and shapes:
         _draw(folder, observations, shapes, found)
-    return _summary(found, shapes)
+    return _summary(found, shapes, fit.noise)
 
 
 def _is_complete(found: fits.FlowFit) -> bool:
@@ -136,15 +136,17 @@ def _parameters(tables: Any, free: tuple[str, ...]) -> dict[str, float]:
     return found
 
 
-def _summary(found: fits.FlowFit, shapes: tuple[fits.SeenShape, ...]) -> dict[str, Any]:
+def _summary(found: fits.FlowFit, shapes: tuple[fits.SeenShape, ...], noise) -> dict[str, Any]:
+    verdict = found.judged(shapes, noise)
     return {
         **ending(found.result),
+        **verdict_of(verdict),
         "parameters": found.parameters,
         "standard_errors": found.identification.standard_errors,
         "shapes": [{"time": shape.time, "distances": shape.distances} for shape in shapes],
         "rms_over_R0": found.rms,
         **identification(found.identification),
-        "in_words": list(found.in_words()),
+        "in_words": [verdict.sentence, *found.in_words()],
         **found.stats,
     }
 

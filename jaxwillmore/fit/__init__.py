@@ -23,3 +23,4 @@ from ._shape_fit import (
     ShapeFit as ShapeFit,
 )
 from ._targets import checked_surface as checked_surface
+from ._verdict import VERDICTS as VERDICTS, Verdict as Verdict

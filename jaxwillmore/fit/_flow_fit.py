@@ -14,6 +14,7 @@ from ._identify import NO_SOLUTION, Identification
 from ._results import RESULTS
 from ._shape_fit import distances
 from ._targets import Target
+from ._verdict import Verdict, judged
 
 MOBILITY_IS_INVISIBLE = (
     "The mobility is taken as 1: a flow shows only the products of mobility with moduli and forces."
@@ -90,6 +91,14 @@ class FlowFit:
             numbers, signed = distances(target, r.mesh, np.asarray(x))
             found.append(SeenShape(float(t), r.mesh, x, numbers, signed))
         return tuple(found)
+
+    def judged(self, shapes: tuple[SeenShape, ...], noise: float | None = None) -> Verdict:
+        """Whether the flow explains the observations; `shapes` as of `FlowFit.shapes`.
+
+        - `noise`: standard deviation of independent errors of the nodes of the targets.
+        """
+        known = self.identification.identifiable
+        return judged(self.targets, shapes, self.result, known, noise)
 
 
 @eqx.filter_jit

@@ -25,6 +25,7 @@ from ..surface import area, area_radius, mean_curvature_vector, recover_normal, 
 from ._force_norm import ForceNorm, force_norm
 from ._identify import Identification, identify
 from ._targets import checked_surface
+from ._verdict import Verdict, judged_forces
 
 NAMES = ("spontaneous_curvature", "effective_tension", "pressure")
 MEANINGS = {
@@ -62,10 +63,15 @@ class ForceBalance:
     residuals: tuple[Float[Array, " nodes"], ...]
     unexplained: float
 
+    @property
+    def verdict(self) -> Verdict:
+        """Whether the surfaces are at rest in this model."""
+        return judged_forces(self.unexplained, self.identification.identifiable)
+
     def in_words(self) -> tuple[str, ...]:
         """What these surfaces do not tell, one sentence each."""
         meanings = {name: spoken(name) for name in self.identification.names}
-        return (KAPPA_IS_INVISIBLE, *self.identification.in_words(meanings))
+        return (self.verdict.sentence, KAPPA_IS_INVISIBLE, *self.identification.in_words(meanings))
 
 
 def spoken(label: str) -> str:

@@ -1,5 +1,6 @@
 r"""Shape matching: parameters of equilibria that lie as near as possible to observed surfaces."""
 
+import dataclasses
 import time
 from collections.abc import Callable, Mapping, Sequence
 
@@ -16,7 +17,9 @@ from ._results import RESULTS, message, name_of
 from ._shape_fit import MatchIterate, ShapeFit, matched
 from ._targets import Target, checked_surface, target
 from ._unknowns import SHAPE_NAMES, unknowns
+from ._verdict import judged
 
+SEVERAL, KINDS = "several", ("prolate", "oblate")
 # A mean distance of this part of R0 is no fit at all.
 HOPELESS = 0.4
 
@@ -32,7 +35,7 @@ def match_shapes(
     level: int = 2,
     distance: str = "points",
     max_degree: int = 12,
-    both_ways: bool = False,
+    both_ways: bool | None = None,
     new_references: bool = True,
     noise: float | None = None,
     tolerance: float = 1e-7,
@@ -60,14 +63,16 @@ def match_shapes(
       $R_0$ of all targets, so that a shared one is one $H_0$.
     - `start`: values of free parameters to start from and of the others to hold. Left out: the
       reduced volume of each target, $H_0 = 0$.
-    - `kind`: `"prolate"` or `"oblate"`, the family of shapes to start in.
+    - `kind`: `"prolate"` or `"oblate"`, the family of shapes to start in, or `"several"`: each of
+      them in turn, of which the nearest is returned and the others are told by `verdict` and
+      `stats["starts"]`.
     - `bounds`: other bounds than (0.25, 0.997) for the reduced volume and (-10, 10) for $H_0R_0$.
     - `level`: refinement of the model: 162, 642, 2,562 nodes for 1, 2, 3.
     - `distance`: `"points"`, or `"harmonics"`: spherical harmonics of the radius about the centre
       of the target's volume, which are smooth and see no single points.
     - `max_degree`: the largest degree of these harmonics.
-    - `both_ways`: also count the distance of the model's nodes to the target, which keeps the model
-      from reaching beyond a target with gaps; for `"points"` only.
+    - `both_ways`: also count the distance of the model's nodes to the target, without which the
+      model may reach far beyond it; for `"points"` only, and there the default.
     - `new_references`: `False` keeps the first reference, for data made on that one.
     - `noise`: standard deviation of independent normal errors of the target's nodes, in its units;
       left out, it is taken from the residuals.
@@ -87,7 +92,7 @@ def match_shapes(
 
     ```python
     fit = jw.fit.match_shapes([(mesh, x)], kind="oblate")
-    fit.shapes[0].parameters, fit.robust.intervals()
+    fit.verdict.word, fit.shapes[0].parameters, fit.robust.intervals()
     ```
     """
     began = time.perf_counter()
@@ -100,14 +105,45 @@ def match_shapes(
     values = _start_values(seen, free, {} if start is None else start, resume)
     layout = unknowns(free, shared, {} if bounds is None else bounds, values)
     u = layout.start(values)
-    matcher = Matcher(seen, layout, misfit, tolerance, max_steps, observer)
+    several = kind == SEVERAL and resume is None
+    fits: dict[str, ShapeFit] = {}
     with catch_interrupts() as interrupted:
-        matcher.begin(values, kind, level, resume)
-        descent = matcher.run(u, new_references, interrupted)
-    fit = _finished(matcher, descent, noise, rank_tolerance, began)
+        for family in KINDS if several else (KINDS[0] if kind == SEVERAL else kind,):
+            matcher = Matcher(seen, layout, misfit, tolerance, max_steps, observer)
+            matcher.begin(values, family, level, resume)
+            descent = matcher.run(u, new_references, interrupted)
+            fits[family] = _finished(matcher, descent, noise, rank_tolerance, began)
+            if interrupted() or bool(fits[family].result == RESULTS.stopped):
+                break
+    fit = _best(fits, seen, noise)
     if throw and not (fit.succeeded or bool(fit.result == RESULTS.stopped)):
         raise RuntimeError(f"No fit ({name_of(fit.result)}): {message(fit.result)}")
     return fit
+
+
+def _best(fits: dict[str, ShapeFit], targets: tuple[Target, ...], noise) -> ShapeFit:
+    """The nearest of several fits, which knows of the others."""
+    best = min(fits, key=lambda kind: fits[kind].rms if fits[kind].shapes else np.inf)
+    fit = fits[best]
+    stats = fit.stats | {"starts": {kind: other.rms for kind, other in fits.items()}}
+    apart = tuple(
+        (kind, other.rms / max(fit.rms, 1e-300))
+        for kind, other in fits.items()
+        if kind != best and other.succeeded and not _same(fit, other)
+    )
+    known = fit.identification.identifiable
+    verdict = judged(targets, fit.shapes, fit.result, known, noise, apart)
+    return dataclasses.replace(fit, stats=stats, verdict=verdict)
+
+
+def _same(fit: ShapeFit, other: ShapeFit) -> bool:
+    """Whether two fits are the same shapes."""
+    pairs = zip(fit.shapes, other.shapes, strict=True)
+    return all(
+        abs(a.parameters[name] - b.parameters[name]) < 1e-3 * max(1.0, abs(a.parameters[name]))
+        for a, b in pairs
+        for name in SHAPE_NAMES
+    )
 
 
 def _checked(mesh, x) -> Target:
@@ -120,9 +156,9 @@ def _checked(mesh, x) -> Target:
     return target(mesh, x)
 
 
-def _misfit(distance: str, max_degree: int, both_ways: bool) -> AbstractMisfit:
+def _misfit(distance: str, max_degree: int, both_ways: bool | None) -> AbstractMisfit:
     if distance == "points":
-        return Points(both_ways)
+        return Points(both_ways is not False)
     if distance != "harmonics":
         raise ValueError(f'`distance` must be "points" or "harmonics"; got {distance!r}.')
     if both_ways:
@@ -193,6 +229,7 @@ def _finished(matcher: Matcher, descent: Descent, noise, rank_tolerance, began) 
         iterate=matcher.iterate(u),
         on_bound=bound,
         result=result,
+        verdict=judged(matcher.targets, shapes, result, found.identifiable, noise),
         stats=stats,
         residuals=matcher.residuals,
         u=u,

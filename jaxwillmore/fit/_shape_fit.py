@@ -22,6 +22,7 @@ from ._shape_residuals import ShapeResiduals
 from ._statistics import laplace
 from ._targets import Target
 from ._unknowns import SHAPE_NAMES, spoken
+from ._verdict import Verdict
 
 # What an equilibrium has besides its spontaneous curvature.
 FOLLOWING = ("tension", "pressure", "reduced_volume")
@@ -59,15 +60,16 @@ class ShapeFit:
     **Attributes:**
 
     - `shapes`: one for each target.
-    - `identification`: of the free parameters, with motion and size fitted along; intervals as if
-      residuals were independent (Laplace).
+    - `identification`: of the free parameters, with motion and size fitted along; intervals if the
+      model were right and residuals independent (Laplace).
     - `robust`: the same with the covariance that holds when the residuals of neighbouring points
-      depend on each other; read this one where the model is not exactly right.
+      depend on each other: the discrepancy of a model that is not exactly right.
     - `rms`: root mean square of the distances that were fitted, over the mean area radius.
     - `history`: one row per accepted step.
     - `iterate`: where it ended, as plain numbers; `match_shapes(..., resume=iterate)` goes on.
     - `on_bound`: labels of parameters that ended on a bound.
     - `result`, `stats`: why it ended and what it cost.
+    - `verdict`: whether the model explains the targets.
     - `residuals`, `u`, `jacobian`: the problem itself, its solution, and the derivative there.
     """
 
@@ -79,6 +81,7 @@ class ShapeFit:
     iterate: "MatchIterate"
     on_bound: tuple[str, ...]
     result: RESULTS
+    verdict: Verdict
     stats: dict[str, Any]
     residuals: ShapeResiduals
     u: Float[Array, " unknowns"]
@@ -99,7 +102,8 @@ class ShapeFit:
         if not self.shapes:
             return (NO_SOLUTION,)
         meanings = {label: spoken(label) for label in self.identification.names}
-        return (KAPPA_IS_INVISIBLE, *self.identification.in_words(meanings))
+        words = self.identification.in_words(meanings)
+        return (self.verdict.sentence, KAPPA_IS_INVISIBLE, *words)
 
 
 @dataclasses.dataclass(frozen=True)

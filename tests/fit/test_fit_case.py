@@ -96,7 +96,8 @@ def test_forces_are_balanced_into_a_folder(oblate):
     assert run.succeeded
     summary = json.loads((oblate / "out" / "summary.json").read_text())
     assert summary["parameters"][0]["pressure"] == pytest.approx(OBLATE[2], rel=0.06)
-    assert summary["in_words"][0].startswith("κ is not identifiable")
+    assert summary["verdict"] == "agrees" and summary["warnings"] == []
+    assert summary["in_words"][1].startswith("κ is not identifiable")
     assert (oblate / "out" / "final_0.npz").exists()
     with pytest.raises(OSError, match="earlier run"):
         run_fit(task, oblate / "out")
@@ -119,7 +120,7 @@ def test_the_command_line_matches_reports_and_resumes(oblate, capsys):
     assert abs(found - 0.65) < min(0.01, abs(before - 0.65) + 0.01)
     for name in ("overlay_0.png", "residual_0.png", "profile.png", "final_0.npz"):
         assert (oblate / "out" / name).exists()
-    low, high = summary["intervals_95"]["reduced_volume"]
+    low, high = summary["intervals_95_if_the_model_were_right"]["reduced_volume"]
     assert low < found < high and np.isfinite(summary["rms_over_R0"])
 
 
