@@ -1,7 +1,9 @@
 """Time stepping: adaptive implicit runs, and differentiable replays of their schedules."""
 
+from ._checkpoints import Checkpoints as Checkpoints
 from ._evolve import evolve as evolve
 from ._memory import memory_estimate as memory_estimate
+from ._parts import parts_of as parts_of, solution_of as solution_of
 from ._progress import TextProgressMeter as TextProgressMeter, progress_text as progress_text
 from ._record import diagnostics as diagnostics
 from ._replay import Trajectory as Trajectory, replay as replay

@@ -12,6 +12,8 @@ from jaxtyping import Array, Float
 from .._arguments import double, not_traced
 from ..flows import AbstractLaw, System, as_system
 from ..mesh import SurfaceMesh
+from ._continuation import Origin
+from ._solution import Solution
 
 
 def checked_known(**values: Any) -> None:
@@ -120,3 +122,16 @@ def checked_schedule(times) -> Float[Array, " times"]:
                 f"`times` must be finite and increase; got {times[k]} before {times[k + 1]}."
             )
     return times
+
+
+def checked_resume(resume: Solution, now: Origin, mesh: SurfaceMesh, t1: float) -> Origin:
+    """The origin of a run that goes on; it and the mesh must be those of the arguments."""
+    if not isinstance(resume, Solution):
+        raise ValueError(f"`resume` must be a `Solution`; got {type(resume).__name__}.")
+    if not np.array_equal(resume.mesh.cells, mesh.cells):
+        raise ValueError("`resume` holds a run on another mesh.")
+    origin = resume.continuation.origin
+    origin.check(now)
+    if resume.state.t > t1:
+        raise ValueError(f"`resume` holds a run that is at t = {resume.state.t}, past t1 = {t1}.")
+    return origin

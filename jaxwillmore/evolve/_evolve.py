@@ -5,6 +5,7 @@ import warnings
 from collections.abc import Callable, Sequence
 
 import equinox as eqx
+import jax.numpy as jnp
 from jaxtyping import Array, Float
 
 from .._interrupts import catch_interrupts
@@ -13,6 +14,7 @@ from ..flows import AbstractLaw, System
 from ..mesh import SurfaceMesh
 from ..surface import area_radius
 from ._adaptive import Controller, graded_times, growth_limit
+from ._checkpoints import Checkpoints
 from ._checks import (
     checked_fields,
     checked_flow,
@@ -20,8 +22,10 @@ from ._checks import (
     checked_known,
     checked_nodes,
     checked_order,
+    checked_resume,
     checked_tolerances,
 )
+from ._continuation import origin_of
 from ._host_step import HostStep
 from ._loop import Loop
 from ._memory import memory_estimate
@@ -53,6 +57,8 @@ def evolve(
     newton_tolerance: float | None = None,
     linear_solver: str = "krylov",
     progress_meter: TextProgressMeter | None = None,
+    resume: Solution | None = None,
+    checkpoints: Checkpoints | None = None,
 ) -> Solution:
     r"""Run a flow from `t0` to `t1` with implicit steps of variable size.
 
@@ -91,14 +97,19 @@ def evolve(
     - `linear_solver`: `"krylov"` (falls back to LU where it stalls), `"direct"`, `"dense"` (up to
       2,500 unknowns), or `"pardiso"` with the extra `fast`.
     - `progress_meter`: a `TextProgressMeter` that shows the last step; `None` is silent.
+    - `resume`: the solution of a run that ended early, or one that `checkpoints` handed out. The
+      run goes on from its last state as if it had not stopped, to the last bit on the same machine.
+      All other arguments are given as before; only `t1` (unless steps are fixed), `saveat` and
+      `max_steps` may become larger, and times of `saveat` that are past are left out.
+    - `checkpoints`: hands out the run so far, now and then.
 
     **Returns:**
 
     A `Solution`. To differentiate a run, pass its `times` to `replay`.
 
-    **Raises:** `ValueError` for arguments out of range, for traced ones (`replay` takes these), and
-    for a run that needs more memory than the machine has (`memory_estimate`); `RuntimeError` as
-    said under `throw`.
+    **Raises:** `ValueError` for arguments out of range, for traced ones (`replay` takes these), for
+    others than those of the run to resume, and for a run that needs more memory than the machine
+    has (`memory_estimate`); `RuntimeError` as said under `throw`.
 
     ```python
     mesh, x = jw.mesh.red_cell(level=1, degree=2)
@@ -120,6 +131,23 @@ def evolve(
     if bdf_order == 5:
         warnings.warn("BDF5 is unreliable with few or uneven steps; prefer order 2.", stacklevel=2)
     x0 = checked_nodes(mesh, x0)
+    settings = {
+        "t0": t0,
+        # Fixed steps divide the whole interval.
+        "t1": t1 if rtol is None else None,
+        "dt0": dt0,
+        "bdf_order": bdf_order,
+        "scheme": scheme,
+        "rtol": rtol,
+        "stationary_tolerance": stationary_tolerance,
+        "energy_tolerance": energy_tolerance,
+        "newton_tolerance": newton_tolerance,
+        "linear_solver": linear_solver,
+    }
+    origin = origin_of(flow, x0, settings)
+    if resume is not None:
+        origin = checked_resume(resume, origin, mesh, t1)
+        x0 = jnp.asarray(origin.x0)
     given = checked_fields(flow, mesh, initial)
     times = save_times(saveat, t0, t1)
     checked_memory(
@@ -148,22 +176,32 @@ def evolve(
         saver=Saver(stepper, times, bdf_order),
         observer=_observers(observer, progress_meter, t1),
         on_save=on_save,
+        checkpoints=checkpoints,
+        origin=origin,
     )
-    fields = flow.start(mesh, x0, given)
     if progress_meter is not None:
         progress_meter.start()
     try:
         with catch_interrupts() as interrupted:
-            solution = loop.run(x0, fields, t0, t1, dt0, interrupted)
+            if resume is None:
+                fields = flow.start(mesh, x0, given)
+                solution = loop.run(x0, fields, t0, t1, dt0, interrupted)
+            else:
+                solution = loop.resume(resume, t1, interrupted)
     finally:
         if progress_meter is not None:
             progress_meter.close()
-    if throw and not (solution.succeeded or bool(solution.result == RESULTS.stopped)):
+    if throw:
+        _raise_failure(solution, t1)
+    return solution
+
+
+def _raise_failure(solution: Solution, t1: float) -> None:
+    if not (solution.succeeded or bool(solution.result == RESULTS.stopped)):
         raise RuntimeError(
             f"The run stopped at t = {solution.state.t:.6g} of {t1:.6g} "
             f"({name_of(solution.result)}): {message(solution.result)}"
         )
-    return solution
 
 
 def _newton_tolerance(rtol: float | None, stationary_tolerance: float | None) -> float:

@@ -11,7 +11,8 @@ import jax.numpy as jnp
 import numpy as np
 
 from ..fem import HostJacobian, Unsupported, dependence
-from ..linalg import HostNewton, solve_on_host
+from ..linalg import HostMatrix, HostNewton, one_blas_thread, solve_on_host
+from ._continuation import Kept
 from ._step import Assembly, ImplicitStep, StepData
 from ._stepper import Attempt, History, Stepper, Weights, column_groups
 
@@ -27,7 +28,9 @@ class HostStep:
     """
 
     def __init__(self, stepper: Stepper, tolerance: float):
-        self._stepper, self._kept = stepper, None
+        self._stepper = stepper
+        self._kept: HostMatrix | None = None
+        self._place: tuple[StepData, np.ndarray] | None = None
         self._solver = HostNewton(tolerance, method=stepper.method)
         self._plan: HostJacobian | None = None
         self._has_plan = True
@@ -60,6 +63,31 @@ class HostStep:
             jacobians=jnp.asarray(solution.jacobians),
             linear_iterations=jnp.asarray(solution.krylov_iterations),
         )
+
+    @property
+    def kept(self) -> Kept | None:
+        """Where the Jacobian that is kept was assembled."""
+        if self._kept is None or not self._kept.alive or self._place is None:
+            return None
+        return Kept(*self._place, self._kept.is_whole)
+
+    def keep(self, kept: Kept | None) -> None:
+        """Assemble and factorise again the Jacobian that was kept, to the last bit."""
+        if kept is None:
+            return
+        system = StepOnHost(self, ImplicitStep(self._stepper.problem, kept.data))
+        # The order of sums depends on the number of threads.
+        with one_blas_thread():
+            blocks, border = system.jacobian(np.asarray(kept.y))
+            self._kept = HostMatrix(
+                system.pattern, blocks, border, system.groups, self._stepper.method
+            )
+            if kept.is_whole:
+                self._kept.factorise_whole()
+
+    def assembled_at(self, data: StepData, y: np.ndarray) -> None:
+        """Remember where the newest Jacobian belongs, which is the one that is kept."""
+        self._place = data, y
 
     def plan(self, a: Assembly) -> HostJacobian | None:
         """How the form is assembled by NumPy; `None` where no plan can be made of it."""
@@ -107,6 +135,7 @@ class StepOnHost:
 
     def jacobian(self, y: np.ndarray) -> tuple[np.ndarray, tuple | None]:
         """The blocks and the border of the derivative of F at y."""
+        self._owner.assembled_at(self._system.step, y)
         a = _assembly(self._system, y)
         plan = self._owner.plan(a)
         if plan is None:

@@ -12,9 +12,12 @@ from jaxtyping import Array
 
 from .._observers import asks_to_stop
 from ._adaptive import Controller
+from ._checkpoints import Checkpoints, Pace
+from ._continuation import Continuation, Origin
+from ._host_step import HostStep
 from ._record import diagnostics
 from ._save import Saver
-from ._solution import RESULTS, Solution, State
+from ._solution import ENDS, RESULTS, Solution, State
 from ._stepper import Attempt, History, Stepper, weights
 
 # Accepted rises of the energy may add up to this multiple of the tolerance for one step. A relaxed
@@ -54,11 +57,16 @@ class Loop:
         saver: Saver,
         observer: Callable[[dict[str, float | int], State], object] | None,
         on_save: Callable[[State], None] | None,
+        checkpoints: Checkpoints | None,
+        origin: Origin,
     ):
         self.stepper, self.advance, self.controller = stepper, advance, controller
         self.schedule, self.order = schedule, order
         self.stationary_tolerance, self.max_steps = stationary_tolerance, max_steps
         self.saver, self.observer, self.on_save = saver, observer, on_save
+        self.pace, self.origin = Pace(checkpoints), origin
+        self.depth, self.rejections = max(order + 1, 3), 0
+        self.started, self.earlier = time.perf_counter(), 0.0
         self.records: list[dict[str, float | int]] = []
         self.times: list[float] = []
         self.saved: list[State] = []
@@ -74,62 +82,102 @@ class Loop:
         self, x0: Array, fields: dict[str, Array], t0: float, t1: float, dt: float, interrupted
     ) -> Solution:
         """From `t0` to `t1`, starting with a step `dt`."""
-        started = time.perf_counter()
-        depth = max(self.order + 1, 3)
-        mesh = self.stepper.problem.mesh
-        history = _start(self.stepper, jnp.asarray(t0), x0, fields, depth)
-        state = State(t0, x0, self._initial_fields(history))
+        self.dt = dt
+        self.history = _start(self.stepper, jnp.asarray(t0), x0, fields, self.depth)
+        self.state = State(t0, x0, self._initial_fields(self.history))
         self.times.append(t0)
         # Of these only the energy is read, which needs no field that a step would have to find.
-        nothing = jnp.zeros(self._n_globals)
-        first = self._diagnostics(x0, self.stepper.fields(history.U[0]), nothing)
-        energy, self._size = float(first["energy"]), float(first["energy_scale"])
-        self._floor, self._least = 0.1 * self._size, energy
-        t, rejections, result = t0, 0, None
-        self._save([state])
+        nothing = jnp.zeros(self.stepper.problem.flow.n_globals)
+        first = self._diagnostics(x0, self.stepper.fields(self.history.U[0]), nothing)
+        self.energy, self.size = float(first["energy"]), float(first["energy_scale"])
+        self.floor, self.least = 0.1 * self.size, self.energy
+        self._save([self.state])
+        self.pace.now(self._so_far)
+        return self._steps(t1, interrupted)
+
+    def resume(self, solution: Solution, t1: float, interrupted) -> Solution:
+        """From where another loop ended, or was when it handed out its solution."""
+        c = solution.continuation
+        self.history, self.state = c.history, solution.state
+        self.dt, self.rejections = c.dt, c.rejections
+        self.energy, self.size, self.floor, self.least = c.energy, c.size, c.floor, c.least
+        self.records, self.times = list(solution.records), list(solution.times)
+        self.saved, self.stats = list(solution.saved), dict(solution.stats)
+        self.earlier = self.stats.get("wall_seconds", 0.0)
+        self.saver.skip(solution.state.t)
+        if any(bool(solution.result == end) for end in ENDS):
+            return self._solution(solution.result)
+        if isinstance(self.advance, HostStep):
+            self.advance.keep(c.kept)
+        return self._steps(t1, interrupted)
+
+    def _steps(self, t1: float, interrupted) -> Solution:
+        result = None
         while result is None:
-            result = self._limits(t, t1, interrupted())
-            if result is not None:
-                break
-            dt, t_new = self._target(t, t1, dt)
-            known = min(len(self.times), depth)
-            w = _weights(history.times, jnp.asarray(t_new), known, self.order)
-            attempt = self.advance(history, w, jnp.asarray(t_new))
-            record = self._record(attempt, t_new)
-            reason, factor = self._judge(attempt, record, energy)
-            self._count(attempt)
-            if reason is not None:
-                rejections += 1
-                self.stats["rejected_steps"] += 1
-                dt *= factor
-                if self.schedule is not None or dt < self.controller.smallest:
-                    result = reason
-                continue
-            history = _push(history, jnp.asarray(t_new), attempt)
-            self.times.append(t_new)
-            rise = (record["energy"] - energy) / self._reference()
-            t, energy, self._size = t_new, record["energy"], record["energy_scale"]
-            self._least = min(self._least, energy)
-            state = State(t, attempt.x, self.stepper.fields(attempt.U))
-            stopped = self._accept(record, attempt, state, dt, rejections)
-            self._save(self.saver.passed(history, len(self.times)))
-            rejections = 0
-            dt = self.controller.after_acceptance(
-                dt, float(attempt.error), self.order, int(attempt.newton_iterations), rise
-            )
-            if stopped:
-                result = RESULTS.stopped
-            elif self._is_stationary(record):
-                result = RESULTS.stationary
-        self.stats["wall_seconds"] = time.perf_counter() - started
+            result = self._limits(self.state.t, t1, interrupted())
+            if result is None:
+                result = self._attempt(t1)
+        return self._solution(result)
+
+    def _attempt(self, t1: float) -> RESULTS | None:
+        """One attempt at a step, kept or not; why the run ends with it, if it does."""
+        dt, t = self._target(self.state.t, t1, self.dt)
+        known = min(len(self.times), self.depth)
+        w = _weights(self.history.times, jnp.asarray(t), known, self.order)
+        attempt = self.advance(self.history, w, jnp.asarray(t))
+        record = self._record(attempt, t)
+        reason, factor = self._judge(attempt, record, self.energy)
+        self._count(attempt)
+        if reason is not None:
+            self.rejections += 1
+            self.stats["rejected_steps"] += 1
+            self.dt = dt * factor
+            if self.schedule is not None or self.dt < self.controller.smallest:
+                return reason
+            return None
+        self.history = _push(self.history, jnp.asarray(t), attempt)
+        self.times.append(t)
+        rise = (record["energy"] - self.energy) / self._reference()
+        self.energy, self.size = record["energy"], record["energy_scale"]
+        self.least = min(self.least, self.energy)
+        self.state = State(t, attempt.x, self.stepper.fields(attempt.U))
+        stopped = self._accept(record, attempt, self.state, dt, self.rejections)
+        self._save(self.saver.passed(self.history, len(self.times)))
+        self.rejections = 0
+        self.dt = self.controller.after_acceptance(
+            dt, float(attempt.error), self.order, int(attempt.newton_iterations), rise
+        )
+        if stopped:
+            return RESULTS.stopped
+        if self._is_stationary(record):
+            return RESULTS.stationary
+        self.pace.step(self._so_far)
+        return None
+
+    def _so_far(self) -> Solution:
+        return self._solution(RESULTS.interrupted)
+
+    def _solution(self, result: RESULTS) -> Solution:
+        wall = self.earlier + time.perf_counter() - self.started
         return Solution(
-            mesh,
+            self.stepper.problem.mesh,
             tuple(self.saved),
-            state,
+            self.state,
             tuple(self.times),
             tuple(self.records),
             result,
-            self.stats,
+            self.stats | {"wall_seconds": wall},
+            Continuation(
+                self.origin,
+                self.history,
+                self.dt,
+                self.energy,
+                self.size,
+                self.floor,
+                self.least,
+                self.rejections,
+                self.advance.kept if isinstance(self.advance, HostStep) else None,
+            ),
         )
 
     def _initial_fields(self, history: History) -> dict[str, Array]:
@@ -157,10 +205,6 @@ class Loop:
         dt = min(dt, 0.5 * left)
         return dt, t + dt
 
-    @property
-    def _n_globals(self) -> int:
-        return self.stepper.problem.flow.n_globals
-
     def _diagnostics(self, x, fields, multipliers) -> dict[str, Array | float]:
         p = self.stepper.problem
         return diagnostics(p.flow, p.mesh, x, fields, multipliers)
@@ -179,7 +223,7 @@ class Loop:
         if record.get("alignment", 1.0) <= 0:
             return RESULTS.element_inverted, 0.5
         rise = self.controller.energy_tolerance * self._reference()
-        if record["energy"] > energy + rise or record["energy"] > self._least + CREEP * rise:
+        if record["energy"] > energy + rise or record["energy"] > self.least + CREEP * rise:
             return RESULTS.energy_rising, 0.5
         if self.schedule is None and float(attempt.error) > self.controller.rtol:
             return RESULTS.step_too_small, 0.5
@@ -191,7 +235,7 @@ class Loop:
         Relative to $|E|$ the guard would depend on a constant in the energy, and reject what the
         discretisation does to every step where the terms $E_i$ cancel.
         """
-        return max(self._size, self._floor)
+        return max(self.size, self.floor)
 
     def _count(self, attempt: Attempt) -> None:
         for name in ("newton_iterations", "jacobians", "linear_iterations"):

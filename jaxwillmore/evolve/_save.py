@@ -41,10 +41,18 @@ class Saver:
         self._stepper, self._order = stepper, order
         self._times = list(times)
 
+    def skip(self, t: float) -> None:
+        """Forget the times up to `t`, whose states have been handed out."""
+        while self._times and self._is_passed(t):
+            self._times.pop(0)
+
+    def _is_passed(self, newest: float) -> bool:
+        return self._times[0] <= newest + 1e-12 * abs(newest)
+
     def passed(self, history: History, known: int) -> list[State]:
         """States at the requested times up to the newest one; `known` rows of it are states."""
         newest, out = float(history.times[0]), []
-        while self._times and self._times[0] <= newest + 1e-12 * abs(newest):
+        while self._times and self._is_passed(newest):
             out.append(self._at(history, known, self._times.pop(0)))
         return out
 

@@ -6,6 +6,7 @@ import equinox as eqx
 from jaxtyping import Array, Float
 
 from ..mesh import SurfaceMesh
+from ._continuation import Continuation
 
 
 class RESULTS(eqx.Enumeration):
@@ -37,6 +38,13 @@ class RESULTS(eqx.Enumeration):
 SUCCESSES = (RESULTS.reached_t1, RESULTS.stationary)
 
 
+# After these another step would be what the last attempts were.
+ENDS = (
+    *(RESULTS.stationary, RESULTS.step_too_small, RESULTS.not_finite),
+    *(RESULTS.element_inverted, RESULTS.energy_rising),
+)
+
+
 def message(result: RESULTS) -> str:
     """The sentence that belongs to a stop reason."""
     return RESULTS[result]
@@ -45,6 +53,13 @@ def message(result: RESULTS) -> str:
 def name_of(result: RESULTS) -> str:
     """The name of a stop reason, such as `"reached_t1"`."""
     return next(name for name in _NAMES if bool(getattr(RESULTS, name) == result))
+
+
+def result_named(name: str) -> RESULTS:
+    """The stop reason of that name; `ValueError` where there is none."""
+    if name not in _NAMES:
+        raise ValueError(f"no run stops for {name!r}.")
+    return getattr(RESULTS, name)
 
 
 _NAMES = (
@@ -102,6 +117,7 @@ class Solution(eqx.Module):
     - `times`: all accepted times, the initial one first: the schedule that `replay` takes.
     - `records`: one dictionary of diagnostics per accepted step.
     - `result`, `stats`: why it stopped and what it cost.
+    - `continuation`: what `evolve(..., resume=solution)` needs beside them.
     """
 
     mesh: SurfaceMesh
@@ -111,6 +127,7 @@ class Solution(eqx.Module):
     records: tuple[dict[str, float | int], ...]
     result: RESULTS
     stats: dict[str, Any]
+    continuation: Continuation
 
     @property
     def succeeded(self) -> bool:

@@ -17,3 +17,4 @@ from ._pattern import (
 )
 from ._solver import PreparedMatrix as PreparedMatrix, SparseSolver as SparseSolver
 from ._system import AbstractSparseSystem as AbstractSparseSystem
+from ._threads import one_blas_thread as one_blas_thread

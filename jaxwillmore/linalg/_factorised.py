@@ -72,6 +72,11 @@ class Factorised:
         parts = (self._matrix, self._lu, self._sweep, *self._inverses.values())
         return sum(part.nbytes for part in parts if part is not None)
 
+    @property
+    def is_whole(self) -> bool:
+        """Whether the whole matrix has been factorised."""
+        return self._lu is not None
+
     def _nodal(self, direct: bool, transpose: bool):
         """An approximate inverse of the nodal part: LU, or one block Gauss–Seidel sweep."""
         factorise = self._backend.factorise

@@ -81,6 +81,15 @@ class HostMatrix:
         """
         return HOST.run(self._held().solve, np.asarray(rhs), transpose, rtol)
 
+    @property
+    def is_whole(self) -> bool:
+        """Whether the whole matrix has been factorised, as it is for good where GMRES stalls."""
+        return self._held().is_whole
+
+    def factorise_whole(self):
+        """Factorise the whole matrix now; `RuntimeError` where it is exactly singular."""
+        HOST.run(self._held().inverse, False, True)
+
     def elimination(self) -> Elimination:
         """The preconditioner with its `W` and `schur`; the matrix must have solved before."""
         return HOST.run(self._held().inverse)

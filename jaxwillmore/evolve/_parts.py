@@ -1,0 +1,99 @@
+"""A solution taken apart into words and arrays, as files hold it, and put together again."""
+
+import dataclasses
+from typing import Any
+
+import jax.numpy as jnp
+import numpy as np
+
+from ..mesh import SurfaceMesh
+from ._continuation import Continuation, Kept, Origin
+from ._solution import Solution, State, name_of, result_named
+from ._step import StepData
+from ._stepper import History
+
+_NUMBERS = ("dt", "energy", "size", "floor", "least")
+
+
+def parts_of(solution: Solution) -> tuple[dict[str, Any], dict[str, np.ndarray]]:
+    """What JSON can say of a solution, and its arrays by name; every digit is in one of them."""
+    c, mesh = solution.continuation, solution.mesh
+    arrays: dict[str, Any] = {
+        "cells": mesh.cells,
+        "times": np.asarray(solution.times, float),
+        "numbers": np.asarray([getattr(c, name) for name in _NUMBERS], float),
+        "x0": c.origin.x0,
+    }
+    arrays |= _fields("history", c.history)
+    arrays |= {f"parameters.{k}": p for k, p in enumerate(c.origin.parameters)}
+    states = (solution.state, *solution.saved)
+    for k, state in enumerate(states):
+        arrays[f"states.{k}.x"] = state.x
+        arrays |= {f"states.{k}.fields.{name}": a for name, a in state.fields.items()}
+    columns = list(solution.records[0]) if solution.records else []
+    for k, name in enumerate(columns):
+        arrays[f"records.{k}"] = np.asarray([record[name] for record in solution.records])
+    if c.kept is not None:
+        arrays |= _fields("kept", c.kept.data) | {"kept.y": c.kept.y}
+    words = {
+        "degree": mesh.degree,
+        "n_nodes": mesh.n_nodes,
+        "result": name_of(solution.result),
+        "stats": solution.stats,
+        "states": [{"t": s.t, "fields": list(s.fields)} for s in states],
+        "columns": columns,
+        "settings": [list(pair) for pair in c.origin.settings],
+        "n_parameters": len(c.origin.parameters),
+        "rejections": c.rejections,
+        "kept": None if c.kept is None else c.kept.is_whole,
+    }
+    return words, {name: np.asarray(array) for name, array in arrays.items()}
+
+
+def solution_of(words: dict[str, Any], arrays: dict[str, np.ndarray]) -> Solution:
+    """The solution that `parts_of` was given.
+
+    **Raises:** `KeyError`, `TypeError` or `ValueError` where these are not its parts.
+    """
+    mesh = SurfaceMesh(arrays["cells"], degree=words["degree"], n_nodes=words["n_nodes"])
+    states = [
+        State(
+            said["t"],
+            jnp.asarray(arrays[f"states.{k}.x"]),
+            {name: jnp.asarray(arrays[f"states.{k}.fields.{name}"]) for name in said["fields"]},
+        )
+        for k, said in enumerate(words["states"])
+    ]
+    columns = [arrays[f"records.{k}"].tolist() for k in range(len(words["columns"]))]
+    records = [dict(zip(words["columns"], row, strict=True)) for row in zip(*columns, strict=True)]
+    settings = tuple((name, value) for name, value in words["settings"])
+    parameters = tuple(arrays[f"parameters.{k}"] for k in range(words["n_parameters"]))
+    kept = None
+    if words["kept"] is not None:
+        data = StepData(**_arrays(StepData, "kept", arrays))
+        kept = Kept(data, arrays["kept.y"], bool(words["kept"]))
+    continuation = Continuation(
+        Origin(jnp.asarray(arrays["x0"]), parameters, settings),
+        History(**_arrays(History, "history", arrays)),
+        **dict(zip(_NUMBERS, arrays["numbers"].tolist(), strict=True)),
+        rejections=words["rejections"],
+        kept=kept,
+    )
+    return Solution(
+        mesh,
+        tuple(states[1:]),
+        states[0],
+        tuple(arrays["times"].tolist()),
+        tuple(records),
+        result_named(words["result"]),
+        words["stats"],
+        continuation,
+    )
+
+
+def _fields(prefix: str, module) -> dict[str, Any]:
+    return {f"{prefix}.{f.name}": getattr(module, f.name) for f in dataclasses.fields(module)}
+
+
+def _arrays(kind, prefix: str, arrays: dict[str, np.ndarray]) -> dict[str, Any]:
+    return {f.name: jnp.asarray(arrays[f"{prefix}.{f.name}"]) for f in dataclasses.fields(kind)}
