@@ -3,7 +3,6 @@
 from ._atomic import atomic_write as atomic_write
 from ._checkpoint import (
     Checkpoint as Checkpoint,
-    CheckpointError as CheckpointError,
     CheckpointWarning as CheckpointWarning,
     previous_generation as previous_generation,
     read_checkpoint as read_checkpoint,
@@ -20,6 +19,11 @@ from ._read import (
     SurfaceWarning as SurfaceWarning,
     examine_surface as examine_surface,
     read_surface as read_surface,
+)
+from ._solution import (
+    SolutionError as SolutionError,
+    read_solution as read_solution,
+    write_solution as write_solution,
 )
 from ._table import write_table as write_table
 from ._vtu import write_vtu as write_vtu

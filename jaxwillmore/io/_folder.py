@@ -5,8 +5,10 @@ import pathlib
 import re
 from typing import Any, Literal
 
+from ..evolve import Solution
 from ..mesh import SurfaceMesh
 from ._atomic import atomic_write, remove_temporaries
+from ._checkpoint import Checkpoint, previous_generation, read_checkpoint, write_checkpoint
 from ._history import History
 from ._links import refuse_link
 from ._lock import FolderLock
@@ -23,7 +25,10 @@ _SUBFOLDERS = ("frames", "shapes", "inputs")
 _ALIKE = ("frames/frame_*.vtu", "run.pvd", "history.csv", "final.*", "summary.json", "inputs/*")
 _ALIKE += ("shapes/shape_*.npz", "branch.csv", "branch.png")
 _ALIKE += ("iterate.json", "final_*.npz", "overlay_*.png", "residual_*.png", "profile.png")
-_ALIKE += ("case.toml", "history.png", "checkpoint.npz", "checkpoint_previous.npz")
+CHECKPOINT = "checkpoint.npz"
+_ALIKE += ("case.toml", "history.png", CHECKPOINT, previous_generation(CHECKPOINT).name)
+# The summary first: without it a folder is no finished run.
+_AT_THE_END = ("summary.json", "final.npz", "final.ply", "final.png", "history.png")
 
 
 class RunFolderError(OSError):
@@ -35,7 +40,7 @@ class RunFolder:
 
     ```
     case.toml      history.csv      run.pvd       frames/frame_000000.vtu ...
-    final.npz      final.ply        summary.json  checkpoint.npz
+    final.npz      final.ply        summary.json  checkpoint.npz, checkpoint_previous.npz
     final.vtu      branch.csv       shapes/shape_000000.npz ...     (of equilibria)
     inputs/        .files           (the meshes that a case reads; the names of all files)
     ```
@@ -55,7 +60,7 @@ class RunFolder:
     - `path`: the folder; it is made if its parent exists.
     - `existing`: what to do with an earlier run in it. `"refuse"` it; `"replace"` the files of
         the earlier run, and no others; or `"resume"`: keep its frames and history and add to them
-        (call `keep_until` with the time of the checkpoint).
+        (call `keep` with what was written before the checkpoint).
 
     **Raises:** `RunFolderError` when the folder cannot be used, saying why and what to do.
 
@@ -115,6 +120,13 @@ class RunFolder:
         for name in sorted({*alike, *listed}):
             refuse_link(self.path / name)
         unknown = [name for name in sorted({*alike, *listed}) if not self._manifest.knows(name)]
+        changed = "case.toml" in unknown and self._manifest.lists("case.toml")
+        if existing == "resume" and changed:
+            raise RunFolderError(
+                f"`{self.path / 'case.toml'}` is not the case that this run began with, and a run "
+                "goes on with that. Undo the change, or begin a new run in another folder; a later "
+                "`t1` is asked for when the run is resumed."
+            )
         if unknown:
             raise RunFolderError(_unknown_words(self.path, unknown))
         if listed and existing == "refuse":
@@ -150,11 +162,19 @@ class RunFolder:
         """The table of the points of a branch, `branch.csv`."""
         return History(self._own("branch.csv"))
 
-    @property
-    def checkpoint(self) -> pathlib.Path:
-        """Where this run's checkpoint belongs."""
-        self._own("checkpoint_previous.npz")
-        return self._own("checkpoint.npz")
+    def write_checkpoint(self, solution: Solution, metadata: dict[str, Any]) -> None:
+        """Write `checkpoint.npz`, after the history before it; see `io.write_checkpoint`."""
+        self.history.sync()
+        self._own(previous_generation(CHECKPOINT).name)
+        write_checkpoint(self._own(CHECKPOINT), solution, metadata)
+
+    def read_checkpoint(self) -> Checkpoint:
+        """What `write_checkpoint` wrote; raises and warns as `io.read_checkpoint`."""
+        return read_checkpoint(self.path / CHECKPOINT)
+
+    def drop_previous_checkpoint(self) -> None:
+        """Delete the older checkpoint, which a run that has ended needs no more."""
+        previous_generation(self.path / CHECKPOINT).unlink(missing_ok=True)
 
     def file(self, name: str) -> pathlib.Path:
         """The path of a file directly in this folder, which is going to be written.
@@ -219,10 +239,23 @@ class RunFolder:
         """Write `summary.json`; NaN and infinities become `null`."""
         self.write_text("summary.json", json_text(summary))
 
-    def keep_until(self, t: float) -> None:
-        """Forget frames and history after `t`, before a run resumes from there."""
-        self.series.keep_until(t)
-        self.history.keep_until(t)
+    def keep(self, frames: int, rows: int) -> None:
+        """Forget what came after so many frames and rows of history, and what a run leaves at its
+        end, before the run goes on from there.
+
+        **Raises:** `RunFolderError` where the folder holds less than that.
+        """
+        for name in _AT_THE_END:
+            if self._manifest.lists(name):
+                (self.path / name).unlink(missing_ok=True)
+        try:
+            self.history.keep(rows)
+            later = self.series.keep(frames) if frames or self._manifest.lists("run.pvd") else []
+        except ValueError as error:
+            raise RunFolderError(f"`{self.path}` cannot go on: {error}") from error
+        for name in later:
+            if self._manifest.lists(name):
+                (self.path / name).unlink(missing_ok=True)
 
     def close(self) -> None:
         """Let go of the folder; everything has been written already."""

@@ -99,13 +99,21 @@ class History:
         with open(path, "a", encoding="utf-8", newline="", opener=unlinked) as file:
             file.write("".join(lines))
 
-    def keep_until(self, time: float) -> None:
-        """Drop rows with `t` later than `time` and a torn last line, for a restart from there."""
+    def keep(self, count: int) -> None:
+        """Keep the first rows only, without a torn last line, as a run that goes on must.
+
+        **Raises:** `ValueError` where there are fewer.
+        """
         path = pathlib.Path(self.path)
-        if not path.exists():
-            return
-        rows = [row for row in read_history(path) if row["t"] <= time]
-        header = _complete_lines(path)[:1]
-        with atomic_write(path, "w") as file:
-            file.writelines(header)
-            file.writelines(_line([_word(value) for value in row.values()]) for row in rows)
+        lines = _complete_lines(path) if path.exists() else []
+        found = max(len(lines) - 1, 0)
+        if found < count:
+            raise ValueError(f"`{path}` holds {found} rows; {count} were written.")
+        if path.exists():
+            with atomic_write(path, "w") as file:
+                file.writelines(lines[: count + 1] if count else [])
+
+    def sync(self) -> None:
+        """Make what has been added survive a power cut."""
+        with open(self.path, "ab", opener=unlinked) as file:
+            os.fsync(file.fileno())

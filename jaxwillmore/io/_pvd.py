@@ -51,12 +51,17 @@ class PvdSeries:
         """Add a frame; `file` is relative to the folder of the `.pvd` file."""
         self._write([*self.entries(), (float(time), file)])
 
-    def keep_until(self, time: float) -> None:
-        """Forget frames later than `time`, as a restart from there must; their files stay."""
+    def keep(self, count: int) -> list[str]:
+        """Keep the first frames only, as a run that goes on must; the files of the others.
+
+        These stay: the list forgets them first, so that it never names one that is gone.
+        """
         entries = self.entries()
-        kept = [entry for entry in entries if entry[0] <= time]
-        if len(kept) < len(entries):
-            self._write(kept)
+        if len(entries) < count:
+            raise ValueError(f"`{self.path}` lists {len(entries)} frames; {count} were written.")
+        if len(entries) > count:
+            self._write(entries[:count])
+        return [file for _, file in entries[count:]]
 
     def _write(self, entries: list[tuple[float, str]]) -> None:
         lines = [

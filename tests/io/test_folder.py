@@ -73,7 +73,14 @@ def test_an_earlier_run_is_not_overwritten_unasked(tmp_path):
     with pytest.raises(RunFolderError, match="earlier run"):
         RunFolder(tmp_path)
     with RunFolder(tmp_path, existing="resume") as folder:
-        folder.keep_until(0.0)
+        folder.keep(1, 1)
+        left = {p.relative_to(tmp_path).as_posix() for p in tmp_path.rglob("*") if p.is_file()}
+        assert left == {
+            *(".files", ".lock", "notes.txt", "case.toml", "history.csv", "run.pvd"),
+            "frames/frame_000000.vtu",
+        }
+        with pytest.raises(RunFolderError, match="holds 1 rows; 2 were written"):
+            folder.keep(1, 2)
         folder.append_history({"t": 0.25, "energy": 1.0})
         folder.write_frame(0.25, MESH, X)
     assert [r["t"] for r in read_history(tmp_path / "history.csv")] == [0.0, 0.25]

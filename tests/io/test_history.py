@@ -47,18 +47,21 @@ def test_a_line_cut_short_by_a_kill_is_left_out(tmp_path):
     for cut in range(1, 12):
         path.write_bytes(whole[:-cut])
         assert [r["step"] for r in read_history(path)] == [0, 1]
-    history.keep_until(math.inf)
+    history.keep(2)
     history.append(row(2, 2.0))
     assert path.read_bytes() == whole
 
 
 def test_a_restart_forgets_what_came_after_it(tmp_path):
     history = History(tmp_path / "history.csv")
-    history.keep_until(1.0)  # nothing there yet
+    history.keep(0)  # nothing there yet
     for step in range(4):
         history.append(row(step, step / 3))
-    history.keep_until(2 / 3)
+    history.keep(3)
+    history.sync()
     assert [r["step"] for r in read_history(history.path)] == [0, 1, 2]
+    with pytest.raises(ValueError, match="holds 3 rows; 4 were written"):
+        history.keep(4)
 
 
 def test_a_damaged_line_is_named(tmp_path):

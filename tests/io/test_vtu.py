@@ -99,7 +99,9 @@ def test_pvd_gives_pyvista_the_physical_times(tmp_path):
     reader = pv.get_reader(tmp_path / "run.pvd")
     reader.set_active_time_value(times[1])
     np.testing.assert_array_equal(reader.read()[0].points, frame(tmp_path / "b.vtu", 2)[1])
-    series.keep_until(0.1)
+    with pytest.raises(ValueError, match="lists 3 frames; 4 were written"):
+        series.keep(4)
+    assert series.keep(2) == ["frame 2 & more.vtu"]
     assert series.entries() == [(0.0, "frame 0 & more.vtu"), (0.1, "frame 1 & more.vtu")]
 
 
