@@ -9,7 +9,9 @@ from scipy.spatial import KDTree
 
 from ..reference import lagrange_basis, lagrange_gradients, n_local_nodes
 
-CANDIDATES, POLISHED = 8, 3
+CANDIDATES = 8
+# Flat pieces are split until none is longer than so many of its widths, or radii of the others.
+SLENDER, LARGE, MOST_SPLITS = 6.0, 4.0, 9
 NEWTON_STEPS, CONVERGED = 8, 1e-10
 # Step of differences of polynomial gradients; exact up to degree 3.
 STEP = 1e-2
@@ -39,13 +41,13 @@ def closest(
 ) -> tuple[Int[np.ndarray, " points"], Float[np.ndarray, "points local 3"]]:
     """The cell that holds the point nearest to every query, and the tabulated basis there.
 
-    Every cell is cut into flat pieces; the nearest pieces by a tree of their centres give the
-    start of Newton's method on the curved cell. `basis[p, j]` holds the value and the two reference
-    derivatives of shape function j.
+    Every cell is cut into flat pieces; the nearest of them give the start of Newton's method on the
+    curved cell. The search looks at more pieces until no other one can be nearer, by the distance
+    of its centre and its radius: needles hide nothing. `basis[p, j]` holds the value and the two
+    reference derivatives of shape function j.
 
     *Limits:* where a normal of the surface has a kink, at edges of elements, the nearest point may
-    sit in the kink; the line to it is then not exactly normal to the cell. Triangles about eight
-    times longer than wide may hide the nearest cell from the search.
+    sit in the kink; the line to it is then not exactly normal to the cell.
     """
     found = feet(cells, nodes, queries)
     degree = _degree(np.shape(cells)[1])
@@ -69,20 +71,94 @@ def feet(
         return Feet(np.zeros(n, np.int32), np.full((n, 2), np.nan), np.zeros((n, 2, 2)))
     points = np.einsum("qj,tjd->tqd", lagrange_basis(degree, xi), local)
     corners = points[:, pieces].reshape(-1, 3, 3)
-    count = min(CANDIDATES, len(corners))
-    near = KDTree(corners.mean(axis=1)).query(queries, count)[1].reshape(len(queries), count)
-    weights, distance = _on_triangles(queries[:, None], corners[near])
-    best = np.argsort(distance, axis=1, kind="stable")[:, :POLISHED]
-    near = np.take_along_axis(near, best, axis=1)
-    weights = np.take_along_axis(weights, best[..., None], axis=1)
-    cell, piece = np.divmod(near, len(pieces))
-    start = np.einsum("pcv,pcvi->pci", weights, xi[pieces][piece])
-    at = _polished(degree, local[cell], queries[:, None], start)
-    gap = queries[:, None] - np.einsum("pcj,pcjd->pcd", lagrange_basis(degree, at), local[cell])
-    winner = np.argmin(np.sum(gap**2, axis=-1), axis=1)[:, None]
-    cell = np.take_along_axis(cell, winner, axis=1)[:, 0]
-    at = np.take_along_axis(at, winner[..., None], axis=1)[:, 0]
+    query, piece, weights = _nearest_pieces(corners, len(pieces), queries, _sagitta(degree, local))
+    cell, piece = np.divmod(piece, len(pieces))
+    start = np.einsum("pv,pvi->pi", weights, xi[pieces][piece])
+    at = _polished(degree, local[cell][:, None], queries[query][:, None], start[:, None])[:, 0]
+    foot = np.einsum("pj,pjd->pd", lagrange_basis(degree, at), local[cell])
+    order = np.lexsort((np.sum((queries[query] - foot) ** 2, axis=1), query))
+    winner = order[np.searchsorted(query[order], np.arange(len(queries)))]
+    cell, at = cell[winner], at[winner]
     return Feet(cell.astype(np.int32), at, _freedom(at))
+
+
+def _nearest_pieces(corners, per_cell: int, queries, sagitta: float):
+    """Pairs of a query and a flat piece on whose cell the nearest point may be, and where on it.
+
+    First among the pieces with the nearest centres; then, where one that was not looked at may be
+    as near, among all whose balls reach as far.
+
+    - `per_cell`: so many pieces, one after the other, are those of a cell.
+    """
+    centres, radius, owner = _balls(corners)
+    tree = KDTree(centres)
+    count = min(CANDIDATES, len(centres))
+    far, ball = (a.reshape(len(queries), count) for a in tree.query(queries, count))
+    query = np.repeat(np.arange(len(queries)), count)
+    found, nearest = _near(corners, per_cell, queries, query, owner[ball.reshape(-1)], 2 * sagitta)
+    reach = nearest + radius + 2 * sagitta
+    unsure = (far[:, -1] < reach) & (count < len(centres))
+    if not np.any(unsure):
+        return found
+    (left,) = np.nonzero(unsure)
+    inside = tree.query_ball_point(queries[left], reach[left])
+    query = np.repeat(left, [len(balls) for balls in inside])
+    piece = owner[np.concatenate(inside).astype(int)]
+    more, _ = _near(corners, per_cell, queries, query, piece, 2 * sagitta)
+    kept = ~unsure[found[0]]
+    return tuple(np.concatenate([a[kept], b]) for a, b in zip(found, more, strict=True))
+
+
+def _near(corners, per_cell: int, queries, query, piece, margin: float):
+    """Of pairs of a query and a piece, which may be met often, those of the nearest cells.
+
+    **Returns:** query, piece and weights of every cell that is farther than the nearest one by
+    `margin` at most; and the distance of the nearest one for every query, infinite without pairs.
+    """
+    query, piece = np.divmod(np.unique(query * len(corners) + piece), len(corners))
+    weights, distance = _on_triangles(queries[query], corners[piece])
+    nearest = np.full(len(queries), np.inf)
+    np.minimum.at(nearest, query, distance)
+    # The nearest piece of each cell.
+    order = np.lexsort((distance, piece // per_cell, query))
+    cell = (query * len(corners) + piece // per_cell)[order]
+    new = np.concatenate([[True], np.diff(cell) != 0])
+    order = order[new]
+    order = order[distance[order] <= nearest[query[order]] * (1 + 1e-12) + margin]
+    return (query[order], piece[order], weights[order]), nearest
+
+
+def _balls(corners):
+    """Centres of balls that cover the pieces, the largest radius, and the piece of every ball."""
+    owner = np.arange(len(corners))
+    for _ in range(MOST_SPLITS):
+        edges = np.roll(corners, -1, axis=1) - corners
+        length = np.linalg.norm(edges, axis=2)
+        longest = np.max(length, axis=1)
+        width = np.linalg.norm(np.cross(edges[:, 0], edges[:, 1]), axis=1) / longest.clip(1e-300)
+        split = (longest > SLENDER * width) | (longest > LARGE * np.median(longest))
+        split &= longest > 1e-2 * np.median(longest)
+        if not np.any(split):
+            break
+        first = np.argmax(length[split], axis=1)
+        a, b, c = (corners[split, (first + k) % 3] for k in range(3))
+        middle = 0.5 * (a + b)
+        halves = np.stack([a, middle, c], axis=1), np.stack([middle, b, c], axis=1)
+        corners = np.concatenate([corners[~split], *halves])
+        owner = np.concatenate([owner[~split], owner[split], owner[split]])
+    centres = corners.mean(axis=1)
+    radius = np.linalg.norm(corners - centres[:, None], axis=2).max()
+    return centres, float(radius), owner
+
+
+def _sagitta(degree: int, local) -> float:
+    """How far the curved cells are from their flat pieces, about."""
+    if degree == 1:
+        return 0.0
+    ends = np.stack([local[:, k] + local[:, (k + 1) % 3] for k in range(3)], axis=1) / 2
+    halfway = np.array([[0.5, 0.0], [0.5, 0.5], [0.0, 0.5]])
+    there = np.einsum("qj,tjd->tqd", lagrange_basis(degree, halfway), local)
+    return float(np.max(np.linalg.norm(there - ends, axis=2))) / (2 * degree) ** 2
 
 
 def _freedom(xi: Float[np.ndarray, "points 2"]) -> Float[np.ndarray, "points 2 2"]:

@@ -21,9 +21,8 @@ def signed_distance(
     move with $\phi$, n the direction from the closest point to the given one.
 
     *Limits:* no derivative at points with several closest ones; where the closest point crosses
-    an edge of the mesh, the derivative jumps at the order of the mesh. Triangles about eight times
-    longer than wide may hide the closest cell from the search. The sign is that of the closest
-    cell, right unless the surface has an edge sharper than a right angle there.
+    an edge of the mesh, the derivative jumps at the order of the mesh. The sign is that of the
+    closest cell, right unless the surface has an edge sharper than a right angle there.
 
     ```python
     misfit = jnp.mean(jw.surface.signed_distance(mesh, x, data) ** 2)
