@@ -3,6 +3,7 @@
 import gc
 import os
 import signal
+import time
 
 import jax
 import pytest
@@ -21,12 +22,34 @@ os.environ.setdefault("MPLBACKEND", "Agg")
 # Commands keep what they compile in the user's cache folder, which is no place for tests.
 os.environ.setdefault("JAXWILLMORE_CACHE", "0")
 
+BEGAN = time.monotonic()
+
 # A shell that starts the tests in the background lets them ignore Ctrl-C; a terminal does not.
 signal.signal(signal.SIGINT, signal.default_int_handler)
 
 # Tracing makes millions of small objects that all live on; the collector would look through them
 # again and again, for a sixth of the time of all tests.
 gc.set_threshold(100_000, 20, 100)
+
+
+def pytest_addoption(parser):
+    """Part of the slow tests in a limited time: another part every day, all of them in a while."""
+    parser.addoption("--minutes", type=float, help="start no test later than this, skip the rest")
+    parser.addoption("--rotate", type=int, default=0, help="start with another test")
+
+
+def pytest_collection_modifyitems(config, items):
+    """Start with another test."""
+    first = config.option.rotate % max(len(items), 1)
+    items[:] = items[first:] + items[:first]
+
+
+@pytest.hookimpl(tryfirst=True)
+def pytest_runtest_setup(item):
+    """Skip what would start after the time that there is."""
+    minutes = item.config.option.minutes
+    if minutes is not None and time.monotonic() - BEGAN > 60 * minutes:
+        pytest.skip(f"the {minutes:g} minutes for these tests are over")
 
 
 def pytest_configure(config):
