@@ -73,8 +73,8 @@ class MeanCurvatureFlow(AbstractLaw):
     **Raises:** `ValueError` for a negative `consistency`.
 
     ??? cite "Reference"
-        Kovács, Li, Lubich (2019), *Numer. Math.* 143, 797–853; Binz, Kovács (2023),
-        *IMA J. Numer. Anal.* 43, 2959–3003 (generalised).
+        Kovács, Li, Lubich (2019), *Numer. Math.* 143, 797–853; Binz, Kovács (2022),
+        *IMA J. Numer. Anal.* 42, 2545–2588, arXiv 2010.11044 (generalised).
     """
 
     speed: Callable
