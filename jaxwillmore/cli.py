@@ -25,7 +25,7 @@ _EPILOG = (
     "Exit status: 0 success; 1 the run failed, or the mesh is not sound; 2 the case, a file name "
     "or the command line is wrong; 130 after Ctrl-C, 143 after SIGTERM or SIGHUP. On these, run, "
     "equilibrium, branch and fit stop after the step in progress and keep what they have; a second "
-    "one ends at once."
+    "one ends at once. run --resume and fit --resume go on, after a kill too."
 )
 
 
@@ -53,15 +53,21 @@ def _parser() -> argparse.ArgumentParser:
         ("branch", _branch, "follow a branch of equilibria of a case file"),
     ):
         run = commands.add_parser(name, help=words, epilog=_EPILOG)
+        resumable = name == "run"
         run.add_argument(
-            "case", metavar="CASE.toml", help="a case file, or example:NAME for one of the examples"
+            "case",
+            metavar="CASE.toml",
+            nargs="?" if resumable else None,
+            help="a case file, or example:NAME for one of the examples",
         )
-        _add_out(run, "folder for everything it leaves")
+        _add_out(run, "folder for everything it leaves", required=not resumable)
         run.add_argument(
             "--replace", action="store_true", help="replace the files of an earlier run in DIR"
         )
+        if resumable:
+            _add_resume(run)
         run.add_argument("--quiet", action="store_true", help="print nothing but errors")
-        run.set_defaults(command=command)
+        run.set_defaults(command=command, parser=run)
 
     check = commands.add_parser("check", help="say what is wrong with a mesh", epilog=_EPILOG)
     _add_check_options(check)
@@ -92,6 +98,19 @@ def _add_check_options(check) -> None:
 
 def _add_out(parser, words: str, required: bool = True) -> None:
     parser.add_argument("--out", required=required, metavar="DIR", type=_folder_name, help=words)
+
+
+def _add_resume(run) -> None:
+    run.add_argument(
+        "--resume",
+        metavar="DIR",
+        type=_folder_name,
+        help="go on with the run in DIR, with the case that is kept there",
+    )
+    run.add_argument("--t1", type=float, help="with --resume: a later end than that of the case")
+    run.add_argument(
+        "--max-steps", type=int, metavar="N", help="with --resume: more steps than in the case"
+    )
 
 
 def _folder_name(text: str) -> str:
@@ -156,9 +175,29 @@ def _doctor(args: argparse.Namespace) -> int:
 
 
 def _run(args: argparse.Namespace) -> int:
-    from .cases import run_case
+    from .cases import resume_case, run_case
 
-    return _computed(args, "run", run_case, flow_closing)
+    _check_run(args)
+    if args.resume is None:
+        return _computed(args, "run", run_case, flow_closing)
+
+    def go_on(**how):
+        return resume_case(args.resume, t1=args.t1, max_steps=args.max_steps, **how)
+
+    return _ended(args, go_on, flow_closing)
+
+
+def _check_run(args: argparse.Namespace) -> None:
+    """A run begins with a case and a folder, and goes on with neither."""
+    if args.resume is None:
+        given = {"CASE.toml": args.case, "--out": args.out}
+        missing = [name for name, value in given.items() if value is None]
+        if missing:
+            args.parser.error(f"the following arguments are required: {', '.join(missing)}")
+        if args.t1 is not None or args.max_steps is not None:
+            args.parser.error("--t1 and --max-steps go with --resume; they stand in the case file")
+    elif args.case is not None or args.out is not None or args.replace:
+        args.parser.error("--resume DIR takes no case, no --out and no --replace: all is in DIR")
 
 
 def _equilibrium(args: argparse.Namespace) -> int:
@@ -175,30 +214,39 @@ def _branch(args: argparse.Namespace) -> int:
 
 def _computed(args: argparse.Namespace, command: Any, compute: Any, closing: Any) -> int:
     """Load a case, compute, say how it ended; the exit status."""
+
+    def begin(**how):
+        from .cases import load_case
+
+        existing = "replace" if args.replace else "refuse"
+        return compute(load_case(args.case, command), args.out, existing=existing, **how)
+
+    return _ended(args, begin, closing)
+
+
+def _ended(args: argparse.Namespace, work: Any, closing: Any) -> int:
     keep_compiled()
     with catch_interrupts():
-        return _caught(args, command, compute, closing)
+        return _caught(args, work, closing)
 
 
-def _caught(args: argparse.Namespace, command: Any, compute: Any, closing: Any) -> int:
-    from .cases import CaseError, load_case
+def _caught(args: argparse.Namespace, work: Any, closing: Any) -> int:
+    from .cases import CaseError
     from .evolve import TextProgressMeter
     from .io import RunFolderError
     from .mesh import SurfaceError
 
     meter = None if args.quiet else TextProgressMeter()
     try:
-        case = load_case(args.case, command)
-        existing = "replace" if args.replace else "refuse"
-        run = compute(
-            case,
-            args.out,
-            existing=existing,
+        run = work(
             progress=None if meter is None else _shown_by(meter),
             announce=None if meter is None else meter.start,
         )
     except RunFolderError as error:
-        return _refused(error, "--replace")
+        ways = (
+            "--replace, or `run --resume DIR` to go on with it" if "resume" in args else "--replace"
+        )
+        return _refused(error, ways)
     except (CaseError, FileNotFoundError, IsADirectoryError) as error:
         return _complain(error, BAD_INPUT)
     except (SurfaceError, OSError) as error:

@@ -162,7 +162,7 @@ def test_a_written_case_is_complete():
         keys = {field.name for field in dataclasses.fields(kind) if "rule" in field.metadata}
         assert set(tables[name]) == keys - {"dt0"}  # follows from the surface unless it is given
     assert {"shape", "level", "degree", "major_radius", "minor_radius"} <= set(tables["surface"])
-    checks = {"self_intersection": False, "fatal_warnings": False}
+    checks = {"self_intersection": False, "fatal_warnings": False, "checkpoint_minutes": 1.0}
     assert tables["output"] == {"every": 1 / 50, "frames": True, "picture": True, **checks}
 
 

@@ -49,6 +49,7 @@ def test_the_folder_is_complete_and_nothing_else_is_in_it(finished):
     assert {path.name for path in run.folder.iterdir()} == {
         ".files",
         "case.toml",
+        "checkpoint.npz",
         "frames",
         "final.npz",
         "final.ply",

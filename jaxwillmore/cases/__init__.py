@@ -33,6 +33,7 @@ from ._fit_sections import (
 )
 from ._load import load_case as load_case
 from ._phase_section import PhaseCase as PhaseCase
+from ._resume import resume_case as resume_case
 from ._run import CaseRun as CaseRun, run_case as run_case
 from ._sections import (
     BranchCase as BranchCase,

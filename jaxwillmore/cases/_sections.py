@@ -196,6 +196,12 @@ class OutputCase:
     fatal_warnings: bool = declare(
         flag("end as `unhealthy` at the first warning under `health` in summary.json"), False
     )
+    checkpoint_minutes: float = declare(
+        number("time on the clock between checkpoints; they cost at most 2 %", above=0.0), 1.0
+    )
+    checkpoint_steps: int | None = declare(
+        optional(integer("also a checkpoint after as many steps, whatever it costs", 1)), None
+    )
 
     def __post_init__(self):
         check_keys(self)

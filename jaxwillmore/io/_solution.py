@@ -100,7 +100,7 @@ def stored_solution(path: str | os.PathLike[str], max_bytes: int = MAX_BYTES) ->
         named = dict(zip(header["arrays"], arrays, strict=True))
         solution = solution_of(header["run"], named)
         return Stored(solution, dict(header["metadata"]), dict(header["computer"]))
-    except (KeyError, TypeError, ValueError, AttributeError) as error:
+    except (LookupError, TypeError, ValueError, AttributeError, OverflowError) as error:
         raise SolutionError(f"`{path}` does not hold the parts of a run: {error!r}.") from error
 
 
