@@ -32,7 +32,7 @@ class RESULTS(eqx.Enumeration):
     )
     step_limit = "The maximum number of steps was reached; raise `max_steps`."
     stopped = "The observer asked to stop."
-    interrupted = "The run was interrupted. The last state is complete."
+    interrupted = "The run was interrupted. The last state is complete; the run can be resumed."
 
 
 SUCCESSES = (RESULTS.reached_t1, RESULTS.stationary)
