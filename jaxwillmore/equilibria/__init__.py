@@ -20,6 +20,7 @@ from ._results import (
     message as message,
     name_of as name_of,
 )
+from ._several import equilibria as equilibria
 from ._shape import Equilibrium as Equilibrium, Resolved as Resolved, resolve as resolve
 from ._start import spheroid as spheroid
 from ._switch import switch as switch

@@ -1,10 +1,12 @@
 """Start surfaces: spheroids of a given reduced volume."""
 
+import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 from scipy.optimize import brentq
 
 from ..mesh import SurfaceMesh, ellipsoid
+from ..surface import area, reduced_volume
 
 
 def spheroid(
@@ -40,3 +42,24 @@ def _area(c: float) -> float:
         return 0.5 * (1 + c / e * np.arcsin(e))
     e = np.sqrt(1 - c**2)
     return 0.5 * (1 + (1 - e**2) / e * np.arctanh(e))
+
+
+def stretched(
+    mesh: SurfaceMesh,
+    sphere: Float[Array, "nodes 3"],
+    size: Float[Array, ""],
+    v: float,
+    kind: str,
+) -> Float[Array, "nodes 3"]:
+    """A sphere's nodes on an ellipsoid of a given area and reduced volume.
+
+    - `kind`: `"prolate"`, `"oblate"`, or `"biaxial"` with three axes in geometric progression.
+    """
+    powers = {"prolate": (0, 0, 1), "oblate": (0, 0, -1), "biaxial": (0, -1, -2)}[kind]
+
+    def nodes(s):
+        return sphere * jnp.asarray(np.array([[float(np.exp(s * p)) for p in powers]]))
+
+    s = brentq(lambda s: float(reduced_volume(mesh, nodes(s))) - v, 0.0, 3.0, xtol=1e-8)
+    x = nodes(float(np.asarray(s)))
+    return x * jnp.sqrt(size / area(mesh, x))
