@@ -136,7 +136,13 @@ def noise(full):
         draw = np.random.default_rng(seed).normal(size=(len(points), 1))
         seen = [(triangles, points + NOISE * draw * nu)]
         found = fit.match_shapes(
-            seen, kind=kind, level=1, new_references=False, resume=at, throw=False
+            seen,
+            kind=kind,
+            level=1,
+            both_ways=False,  # the points are the data, the triangles between them are not
+            new_references=False,
+            resume=at,
+            throw=False,
         )
         converged += found.succeeded
         for name, (low, high) in found.identification.intervals().items():

@@ -72,7 +72,8 @@ def match_shapes(
       of the target's volume, which are smooth and see no single points.
     - `max_degree`: the largest degree of these harmonics.
     - `both_ways`: also count the distance of the model's nodes to the target, without which the
-      model may reach far beyond it; for `"points"` only, and there the default.
+      model may reach far beyond it; for `"points"` only, and there the default. `False` where the
+      points are precise and the triangles between them are too coarse to be data.
     - `new_references`: `False` keeps the first reference, for data made on that one.
     - `noise`: standard deviation of independent normal errors of the target's nodes, in its units;
       left out, it is taken from the residuals.

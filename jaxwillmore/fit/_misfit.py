@@ -76,24 +76,21 @@ class Points(AbstractMisfit):
 
     **Attributes:**
 
-    - `both_ways`: also from the nodes of the model to the target; both ways count the same.
+    - `both_ways`: also from the nodes of the model to the target. Both ways count half: together
+      they say as much about the points as one way does, whose errors are in both.
     """
 
     both_ways: bool = eqx.field(static=True)
-
-    @property
-    def sides(self) -> int:
-        """One way, or both."""
-        return 2 if self.both_ways else 1
 
     def observe(self, target):
         return target.observed
 
     def rows(self, seen, mesh, reference, x):
-        own = [jnp.sqrt(seen.weights) * distance_to_cells(mesh.cells, x, seen.points)]
+        half = 0.5 if self.both_ways else 1.0
+        own = [jnp.sqrt(half * seen.weights) * distance_to_cells(mesh.cells, x, seen.points)]
         if self.both_ways:
             # The part of the area of each node.
-            weights = node_weights(mesh, reference) * jnp.sum(seen.weights)
+            weights = half * node_weights(mesh, reference) * jnp.sum(seen.weights)
             own.append(
                 -jnp.sqrt(weights) * distance_to_cells(seen.surface.cells, seen.surface.nodes, x)
             )
@@ -106,7 +103,7 @@ class Points(AbstractMisfit):
         return float(self.count(targets))
 
     def count(self, targets):
-        return self.sides * sum(t.count for t in targets)
+        return sum(t.count for t in targets)
 
     def variance(self, noise, targets):
         return noise**2
