@@ -84,7 +84,6 @@ def nan_at_three(x):
         ),
         # nodes
         ({"x0": lambda x: x.astype(jnp.float32)}, "`x0` must hold 64-bit floats; got float32"),
-        ({"x0": lambda x: x.astype(int)}, "`x0` must hold 64-bit floats; got int64"),
         ({"x0": lambda x: x[:-1]}, r"`x0` must have shape \(42, 3\); got \(41, 3\)"),
         ({"x0": lambda x: x[:, :2]}, r"`x0` must have shape \(42, 3\); got \(42, 2\)"),
         ({"x0": lambda x: x.T}, r"`x0` must have shape \(42, 3\); got \(3, 42\)"),
