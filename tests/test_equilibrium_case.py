@@ -1,5 +1,6 @@
 """Equilibria and branches from case files: complete folders, true numbers, named endings."""
 
+import dataclasses
 import json
 import os
 import shutil
@@ -12,7 +13,7 @@ import pytest
 
 from jaxwillmore import equilibria
 from jaxwillmore.cases import CaseError, load_case, run_branch, run_equilibrium
-from jaxwillmore.cases._doubts import unstable
+from jaxwillmore.cases._doubts import doubts, unstable
 from jaxwillmore.health import _warnings
 from jaxwillmore.io import RunFolderError, read_history, read_surface
 
@@ -125,6 +126,14 @@ def test_shapes_that_are_no_minima_are_told(vesicle):
     assert "no minimum" in words and "2 independent directions" in words
     (words,) = unstable([run.shape, saddle, saddle])
     assert words.startswith("2 of 3 shapes are stationary")
+
+
+def test_a_symmetry_that_was_to_be_kept_is_missed(vesicle):
+    _, run, _ = vesicle
+    assert doubts([run.shape]) == [] and run.summary["lost_symmetry"] == []
+    stats = run.shape.stats | {"search": "stationary", "lost": ("body of revolution",)}
+    (words,) = doubts([dataclasses.replace(run.shape, stats=stats)])
+    assert "lost (body of revolution)" in words
 
 
 def interrupt_at(name, value, number=signal.SIGTERM):

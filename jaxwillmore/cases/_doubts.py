@@ -43,9 +43,9 @@ def _left_behind(shapes: Iterable[Equilibrium]) -> list[str]:
     if not lost:
         return []
     return [
-        f"The start was a {' and had a '.join(sorted(lost))}, the shape found is not: the search "
-        "has left the family that it was asked to stay on. Start nearer, or on a mesh that is "
-        "symmetric like the shape."
+        f"The start had a symmetry that the shape found has lost ({', '.join(sorted(lost))}): the "
+        "search has left the family that it was asked to stay on. Start nearer, or on a mesh that "
+        "is symmetric like the shape."
     ]
 
 

@@ -137,7 +137,7 @@ def _parameters(tables: Any, free: tuple[str, ...]) -> dict[str, float]:
 
 
 def _summary(found: fits.FlowFit, shapes: tuple[fits.SeenShape, ...], noise) -> dict[str, Any]:
-    verdict = found.judged(shapes, noise)
+    verdict = found.judged(noise, shapes)
     return {
         **ending(found.result),
         **verdict_of(verdict),

@@ -1,6 +1,7 @@
 """branch: a family of equilibria followed along a parameter, around folds."""
 
 import dataclasses
+import warnings
 from collections.abc import Callable
 from typing import Any
 
@@ -81,7 +82,8 @@ def branch(
 
     Where a constrained eigenvalue changes its sign, or the branch turns, the place is found to 1e-5
     of the scaled parameter and becomes a point of its own: a fold, a pitchfork or a transcritical
-    point (`BranchEvent`), from which `switch` starts the branch that crosses.
+    point (`BranchEvent`), from which `switch` starts the branch that crosses. Where it cannot be
+    found a `RuntimeWarning` says so.
 
     **Arguments:**
 
@@ -238,15 +240,21 @@ class _Run:
         # At the end the parameter is prescribed: nothing turns on the way there.
         ahead = float(f.point.tangent_g[-1])
         turned = not last and ahead * float(f.tangent(through[0], through[1].unknowns)[-1]) < 0
-        self._between(Step(at, f.linear_solver), point, np.sign(ahead) if turned else 0.0)
+        value = float(solved.unknowns[-1]) * f.scale
+        turn = float(np.sign(ahead)) if turned else 0.0
+        self._between(Step(at, f.linear_solver), point, value, turn)
         if self.stopped:
             return BRANCH_RESULTS.stopped
         self.regular = point
-        self._add(point, float(solved.unknowns[-1]) * f.scale, iterations, length * f.scale)
+        self._add(point, value, iterations, length * f.scale)
         return BRANCH_RESULTS.stopped if self.stopped else None
 
-    def _between(self, step: Step, point: Equilibrium, turn: float) -> None:
-        """Find the folds and bifurcations before the next point and keep each as a point."""
+    def _between(self, step: Step, point: Equilibrium, value: float, turn: float) -> None:
+        """Find the folds and bifurcations before the next point and keep each as a point.
+
+        - `value`: the parameter at the next point.
+        - `turn`: as of `events_of`.
+        """
         f, before = self.follower, self.regular
         negative = before.negative_directions, point.negative_directions
         known = None if None in negative else negative
@@ -260,8 +268,15 @@ class _Run:
                 if self.stopped:
                     return
         except ArithmeticError:
-            # The corrector fails where branches meet: the change of stability still shows.
-            return
+            here, there = (f"{float(v):.5g}" for v in (self.rows[-1][self.parameter], value))
+            warnings.warn(
+                f"Between {self.parameter} = {here} and {there} the branch turns or another one "
+                f"crosses it (negative directions {negative[0]} and {negative[1]}), but no "
+                "solution was found in between: the point is not among the events. A smaller "
+                "`max_step` may find it.",
+                RuntimeWarning,
+                stacklevel=5,
+            )
 
     def _add(
         self, point, value: float, iterations: int, step: float, event: str | None = None

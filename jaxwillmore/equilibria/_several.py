@@ -29,8 +29,8 @@ def equilibria(
     r"""Different equilibria at the same parameters, the one of least energy first.
 
     From the surface itself and, for spheres by topology, from a cigar, a disc and a biaxial
-    ellipsoid of the wanted reduced volume on an icosphere with about as many nodes; with
-    `search="minimum"`, and then with `search="stationary"`, until there are `n`.
+    ellipsoid of the wanted reduced volume on an icosphere with about as many nodes; all of them
+    with `search="minimum"`, and with `search="stationary"` where these lead to fewer than `n`.
 
     **Arguments:**
 
@@ -65,9 +65,9 @@ def equilibria(
             sound = shape.succeeded and shape.health.is_sound
             if sound and not any(_same(shape, other) for other in found):
                 found.append(shape)
-            if len(found) == n:
-                return _ranked(found)
-    return _ranked(found)
+        if len(found) >= n:
+            break
+    return tuple(sorted(found, key=lambda shape: float(shape.total_energy))[:n])
 
 
 def _family(mesh: SurfaceMesh, x, wanted: dict[str, Any]) -> list[tuple[SurfaceMesh, Array]]:
@@ -90,7 +90,3 @@ def _same(one: Equilibrium, other: Equilibrium) -> bool:
 
     a, b = numbers(one), numbers(other)
     return bool(np.all(np.abs(a - b) <= SAME * np.maximum(np.abs(a), np.abs(b))))
-
-
-def _ranked(found: list[Equilibrium]) -> tuple[Equilibrium, ...]:
-    return tuple(sorted(found, key=lambda shape: float(shape.total_energy)))

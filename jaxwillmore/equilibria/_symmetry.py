@@ -1,4 +1,4 @@
-"""What a shape is symmetric by, as far as two numbers tell, and modes named by it."""
+"""The symmetry of a shape, as far as two numbers tell it, and names of modes by it."""
 
 from typing import NamedTuple
 
@@ -25,8 +25,8 @@ class Symmetry(NamedTuple):
     r"""Difference of the two principal second moments $\int r r'$ of the surface that are nearest
     to each other, over their mean: 0 for a body of revolution."""
     polarity: float
-    r"""Size of the third moments $\int r\otimes r\otimes r$ over $|\Gamma| R^3$: 0 for a shape that
-    is the same turned inside out through its centre, or has two mirrors across each other."""
+    r"""Size of the third moments $\int r\otimes r\otimes r$ over $|\Gamma| R^3$: 0 for a shape with
+    a centre of symmetry, such as every prolate and oblate, and not for a pear or a bowl."""
 
 
 @eqx.filter_jit

@@ -92,11 +92,15 @@ class FlowFit:
             found.append(SeenShape(float(t), r.mesh, x, numbers, signed))
         return tuple(found)
 
-    def judged(self, shapes: tuple[SeenShape, ...], noise: float | None = None) -> Verdict:
-        """Whether the flow explains the observations; `shapes` as of `FlowFit.shapes`.
+    def judged(
+        self, noise: float | None = None, shapes: tuple[SeenShape, ...] | None = None
+    ) -> Verdict:
+        """Whether the flow explains the observations.
 
         - `noise`: standard deviation of independent errors of the nodes of the targets.
+        - `shapes`: those of `FlowFit.shapes` where they are at hand; else by one more run.
         """
+        shapes = self.shapes() if shapes is None else shapes
         known = self.identification.identifiable
         return judged(self.targets, shapes, self.result, known, noise)
 

@@ -132,8 +132,10 @@ def _best(fits: dict[str, ShapeFit], targets: tuple[Target, ...], noise) -> Shap
         for kind, other in fits.items()
         if kind != best and other.succeeded and not _same(fit, other)
     )
-    known = fit.identification.identifiable
-    verdict = judged(targets, fit.shapes, fit.result, known, noise, apart)
+    verdict = fit.verdict
+    if apart:
+        known = fit.identification.identifiable
+        verdict = judged(targets, fit.shapes, fit.result, known, noise, apart)
     return dataclasses.replace(fit, stats=stats, verdict=verdict)
 
 

@@ -9,7 +9,7 @@ from scipy.spatial import KDTree
 
 from ..reference import lagrange_basis, lagrange_gradients, n_local_nodes
 
-CANDIDATES = 8
+CANDIDATES, MOST_PAIRS = 8, 500_000
 # Flat pieces are split until none is longer than so many of its widths, or radii of the others.
 SLENDER, LARGE, MOST_SPLITS = 6.0, 4.0, 9
 NEWTON_STEPS, CONVERGED = 8, 1e-10
@@ -101,12 +101,15 @@ def _nearest_pieces(corners, per_cell: int, queries, sagitta: float):
     if not np.any(unsure):
         return found
     (left,) = np.nonzero(unsure)
-    inside = tree.query_ball_point(queries[left], reach[left])
-    query = np.repeat(left, [len(balls) for balls in inside])
-    piece = owner[np.concatenate(inside).astype(int)]
-    more, _ = _near(corners, per_cell, queries, query, piece, 2 * sagitta)
-    kept = ~unsure[found[0]]
-    return tuple(np.concatenate([a[kept], b]) for a, b in zip(found, more, strict=True))
+    number = tree.query_ball_point(queries[left], reach[left], return_length=True)
+    parts = [tuple(a[~unsure[found[0]]] for a in found)]
+    # Far from a fine surface all of it may be about as near: in turns, for the memory.
+    for some in np.array_split(left, int(np.sum(number)) // MOST_PAIRS + 1):
+        inside = tree.query_ball_point(queries[some], reach[some])
+        query = np.repeat(some, [len(balls) for balls in inside])
+        piece = owner[np.concatenate(inside).astype(int)]
+        parts.append(_near(corners, per_cell, queries, query, piece, 2 * sagitta)[0])
+    return tuple(np.concatenate(arrays) for arrays in zip(*parts, strict=True))
 
 
 def _near(corners, per_cell: int, queries, query, piece, margin: float):

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from jaxwillmore import equilibria
+from jaxwillmore.equilibria import _branch
 from jaxwillmore.equilibria._events import _asymmetry
 from jaxwillmore.equilibria._follow import Follower
 from jaxwillmore.equilibria._stability import SecondVariation
@@ -76,6 +77,16 @@ def test_both_signs_of_the_mode_lead_to_the_same_shape(crossed):
     # Turned by 90 degrees on a five-fold mesh: another mesh.
     np.testing.assert_allclose(volumes[0], volumes[1], atol=2e-5)
     np.testing.assert_allclose(energies[0], energies[1], atol=5e-5)
+
+
+def test_a_point_that_cannot_be_found_is_told(crossed, monkeypatch):
+    def lost(*arguments):
+        raise ArithmeticError
+
+    monkeypatch.setattr(_branch, "events_of", lost)
+    with pytest.warns(RuntimeWarning, match="no solution was found in between"):
+        found = equilibria.branch(crossed.points[0], stop=0.7, max_points=1)
+    assert found.events == () and len(found.points) == 2
 
 
 def test_switch_refuses(crossed):

@@ -9,7 +9,7 @@ import pytest
 
 from jaxwillmore import mesh as meshes
 from jaxwillmore.fit import match_shapes, name_of
-from jaxwillmore.fit._misfit import Harmonics
+from jaxwillmore.fit._misfit import Harmonics, Points
 from jaxwillmore.fit._targets import target
 
 from ..helpers import random_rotation
@@ -41,6 +41,15 @@ def test_mean_square_distance_of_two_spheres_is_exact():
     shifted = X + d * jnp.array([[0.6, 0.0, 0.8]])
     np.testing.assert_allclose(mean_square(shifted), d**2 / 3, rtol=3e-3)
     assert mean_square(X) < 1e-30
+
+
+@pytest.mark.parametrize("both_ways", [False, True])
+def test_both_ways_together_count_like_one(both_ways):
+    """Points of two concentric spheres: the difference of the radii; the noise of N points."""
+    misfit, seen = Points(both_ways), target(MESH, X)
+    r, _ = misfit.rows(misfit.observe(seen), MESH, X, 1.1 * X)
+    np.testing.assert_allclose(float(r @ r) / misfit.mass([seen]), 0.1**2, rtol=1e-2)
+    assert misfit.count([seen]) == seen.count
 
 
 def test_two_meshes_of_a_surface_agree():

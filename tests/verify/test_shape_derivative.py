@@ -71,14 +71,19 @@ def rows(bumpy):
 
 @pytest.mark.parametrize("name", ENERGIES)
 def test_autodiff_converges_to_the_formula(rows, name):
-    """Order 2.8 to 4 between the two meshes; 642 nodes are within 8e-4 of ∫|gV| + |q·∇V|."""
+    """Order 2.8 to 4 between the two meshes; 642 nodes are within 8e-4 of ∫|gV| + |q·∇V|.
+
+    Sliding nodes along the surface changes the mesh alone: what that does has no order to speak of
+    on so coarse ones, and is below 1e-4 on the finer.
+    """
     directions = ("normal", "tangential", "concentration")
     for direction in directions if name in OF_A_CONCENTRATION else directions[:2]:
         coarse, fine = (
             row["error"] for row in rows if (row["energy"], row["direction"]) == (name, direction)
         )
         assert fine < 8e-4
-        assert fine < coarse / 7 or fine < 6e-5, (direction, coarse, fine)
+        small = direction == "tangential" and fine < 1e-4
+        assert fine < coarse / 7 or small, (direction, coarse, fine)
 
 
 @pytest.mark.parametrize("name", ENERGIES)
