@@ -35,7 +35,7 @@ def errors(case, level):
 
 def test_an_exact_oblate_tells_its_parameters():
     """Against the shape equations, with 162 nodes; the errors are of order four in h."""
-    assert np.all(np.abs(errors(OBLATE, 1)) < [0.8, 0.05, 0.06])
+    assert np.all(np.abs(errors(OBLATE, 1)) < [0.9, 0.05, 0.06])
 
 
 @pytest.mark.slow
@@ -73,8 +73,9 @@ def test_a_sphere_tells_nothing_and_says_so():
     assert all(np.isnan(value) for value in found.parameters[0].values())
     assert not any(found.identification.identifiable.values())
     assert all(np.isinf(error) for error in found.identification.standard_errors.values())
+    assert found.unexplained == 0.0 and found.verdict.word == "undetermined"
     words = found.in_words()
-    assert words[0].startswith("κ is not identifiable") and len(words) == 3
+    assert words[1].startswith("κ is not identifiable") and len(words) == 4
 
 
 def test_the_residual_shows_what_no_parameters_explain():
