@@ -40,3 +40,4 @@ from ._wells import (
     QuarticWell as QuarticWell,
 )
 from ._willmore import Willmore as Willmore, willmore_of_field as willmore_of_field
+from ._words import energy_of as energy_of, words_of as words_of
