@@ -71,7 +71,7 @@ def real_cell() -> dict:
     case = jw.cases.load_case("example:red_blood_cell")
     began = time.perf_counter()
     with tempfile.TemporaryDirectory() as folder:
-        run = jw.cases.run_case(case, folder, existing="replace")
+        run = jw.runs.run_case(case, folder, existing="replace")
     return summary("real red cell, P1", run.solution, SPHERE, 3e-3, time.perf_counter() - began)
 
 

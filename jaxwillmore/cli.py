@@ -167,7 +167,7 @@ def _add_fit(commands) -> None:
 def _doctor(args: argparse.Namespace) -> int:
     del args
     keep_compiled()
-    from .cases import diagnosis
+    from .runs import diagnosis
 
     for name, value in diagnosis().items():
         print(f"{name:<20} {value}", flush=True)
@@ -175,7 +175,7 @@ def _doctor(args: argparse.Namespace) -> int:
 
 
 def _run(args: argparse.Namespace) -> int:
-    from .cases import resume_case, run_case
+    from .runs import resume_case, run_case
 
     _check_run(args)
     if args.resume is None:
@@ -201,13 +201,13 @@ def _check_run(args: argparse.Namespace) -> None:
 
 
 def _equilibrium(args: argparse.Namespace) -> int:
-    from .cases import run_equilibrium
+    from .runs import run_equilibrium
 
     return _computed(args, "equilibrium", run_equilibrium, equilibrium_closing)
 
 
 def _branch(args: argparse.Namespace) -> int:
-    from .cases import run_branch
+    from .runs import run_branch
 
     return _computed(args, "branch", run_branch, branch_closing)
 
@@ -268,7 +268,7 @@ def _caught(args: argparse.Namespace, work: Any, closing: Any) -> int:
 
 
 def _fit(args: argparse.Namespace) -> int:
-    from .cases import run_fit
+    from .runs import run_fit
 
     keep_compiled()
     with catch_interrupts():
@@ -304,8 +304,9 @@ def _fitted(args: argparse.Namespace, run_fit: Any) -> int:
 
 
 def _check(args: argparse.Namespace) -> int:
-    from .cases import CaseError, check_file
+    from .cases import CaseError
     from .mesh import SurfaceError
+    from .runs import check_file
 
     names = ("merge_tolerance", "keep", "components", "genus")
     options = {name: getattr(args, name) for name in names if getattr(args, name) is not None}

@@ -6,12 +6,13 @@ import numpy as np
 import pytest
 
 from jaxwillmore import equilibria, evolve, flows, phases
-from jaxwillmore.cases import load_case, run_case
+from jaxwillmore.cases import load_case
 from jaxwillmore.energies import GinzburgLandau
 from jaxwillmore.evolve import diagnostics
 from jaxwillmore.fit import fit_flow
 from jaxwillmore.io import read_history
 from jaxwillmore.mesh import ellipsoid
+from jaxwillmore.runs import run_case
 from jaxwillmore.surface import volume
 
 MESH, X = ellipsoid((1.0, 1.0, 1.3), 1, 1)

@@ -12,10 +12,11 @@ import numpy as np
 import pytest
 
 from jaxwillmore import equilibria
-from jaxwillmore.cases import CaseError, load_case, run_branch, run_equilibrium
-from jaxwillmore.cases._doubts import doubts, unstable
+from jaxwillmore.cases import CaseError, load_case
 from jaxwillmore.health import _warnings
 from jaxwillmore.io import RunFolderError, read_history, read_surface
+from jaxwillmore.runs import run_branch, run_equilibrium
+from jaxwillmore.runs._doubts import doubts, unstable
 
 BASE = {
     "surface": {"shape": "ellipsoid", "semi_axes": [1.0, 1.0, 2.0], "level": 1},
@@ -87,7 +88,7 @@ def test_osmosis_replaces_a_held_volume(vesicle, tmp_path):
 
 
 def test_a_search_that_settles_nowhere_leaves_its_last_shape(tmp_path, monkeypatch):
-    import jaxwillmore.cases._equilibrium as module
+    import jaxwillmore.runs._equilibrium as module
 
     short = lambda *a, **k: equilibria.equilibrium(*a, **k, max_outer=1)
     monkeypatch.setattr(module, "equilibrium", short)

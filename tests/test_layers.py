@@ -18,7 +18,9 @@ LAYERS = [
     {"flows", "schemes"},
     {"equilibria", "evolve"},
     {"shapes", "fit", "health", "io", "plot", "verify"},
-    {"sweep", "cases", "_closing"},
+    {"cases"},
+    {"runs"},
+    {"_closing"},
     {"cli", "__main__"},
 ]
 RANK = {name: rank for rank, names in enumerate(LAYERS) for name in names}
@@ -70,4 +72,4 @@ def test_the_graph_is_seen_at_all():
     """The two tests above would also pass on an empty folder."""
     assert len(FILES) > 10
     cli = set(imported_packages(ROOT / "cli.py"))
-    assert "cases" in cli
+    assert "runs" in cli

@@ -5,13 +5,14 @@ import json
 import numpy as np
 import pytest
 
-from jaxwillmore.cases import CaseError, load_case, run_case
-from jaxwillmore.cases._flow import Ramp, flow_of
-from jaxwillmore.cases._start import starting_surface
+from jaxwillmore.cases import CaseError, load_case
 from jaxwillmore.fem import integrate
 from jaxwillmore.flows import MinimalDeformation, WillmoreFlow
 from jaxwillmore.health import _warnings
 from jaxwillmore.io import read_history
+from jaxwillmore.runs import run_case
+from jaxwillmore.runs._flow import Ramp, flow_of
+from jaxwillmore.runs._start import starting_surface
 from jaxwillmore.surface import area, volume
 
 SURFACE = {"shape": "ellipsoid", "semi_axes": [1.0, 1.0, 1.3], "level": 1, "degree": 1}

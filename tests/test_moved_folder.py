@@ -3,11 +3,12 @@
 import numpy as np
 import pytest
 
-from jaxwillmore.cases import load_case, load_fit, run_case
-from jaxwillmore.cases._inputs import stored_case, stored_fit
-from jaxwillmore.cases._start import starting_surface
+from jaxwillmore.cases import load_case, load_fit
 from jaxwillmore.io import write_npz, write_ply
 from jaxwillmore.mesh import icosphere
+from jaxwillmore.runs import run_case
+from jaxwillmore.runs._inputs import stored_case, stored_fit
+from jaxwillmore.runs._start import starting_surface
 
 CASE = """
 [surface]

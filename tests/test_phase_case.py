@@ -7,18 +7,12 @@ import math
 import numpy as np
 import pytest
 
-from jaxwillmore.cases import (
-    CaseError,
-    example_path,
-    load_case,
-    run_branch,
-    run_case,
-    run_equilibrium,
-)
-from jaxwillmore.cases._flow import flow_of
-from jaxwillmore.cases._start import starting_surface
+from jaxwillmore.cases import CaseError, example_path, load_case
 from jaxwillmore.flows import AllenCahn, CahnHilliard, HelfrichFlow, Loads, Mixing, WillmoreFlow
 from jaxwillmore.phases import amount
+from jaxwillmore.runs import run_branch, run_case, run_equilibrium
+from jaxwillmore.runs._flow import flow_of
+from jaxwillmore.runs._start import starting_surface
 
 REST = """
 [surface]

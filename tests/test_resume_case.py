@@ -8,7 +8,7 @@ import warnings
 
 import pytest
 
-from jaxwillmore.cases import CaseError, load_case, resume_case, run_case
+from jaxwillmore.cases import CaseError, load_case
 from jaxwillmore.cli import main
 from jaxwillmore.evolve import parts_of
 from jaxwillmore.io import (
@@ -20,6 +20,7 @@ from jaxwillmore.io import (
     read_checkpoint,
     read_history,
 )
+from jaxwillmore.runs import resume_case, run_case
 
 # Held area and volume, tangential motion, adaptive steps; one mesh, so that it compiles once.
 CASE = {

@@ -10,11 +10,12 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from jaxwillmore.cases import CaseError, example_path, load_case, run_case
-from jaxwillmore.cases._start import starting_surface
+from jaxwillmore.cases import CaseError, example_path, load_case
 from jaxwillmore.health import _warnings
 from jaxwillmore.io import PvdSeries, RunFolderError, read_history, read_surface, write_ply
 from jaxwillmore.mesh import SurfaceError, icosphere, quality
+from jaxwillmore.runs import run_case
+from jaxwillmore.runs._start import starting_surface
 from jaxwillmore.surface import area, centroid, volume
 
 SURFACE = {"shape": "ellipsoid", "semi_axes": [1.0, 1.0, 1.3], "level": 1, "degree": 1}

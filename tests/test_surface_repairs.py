@@ -7,11 +7,12 @@ import re
 import numpy as np
 import pytest
 
-from jaxwillmore.cases import CaseError, check_file, load_case, run_case
-from jaxwillmore.cases._start import starting_surface
+from jaxwillmore.cases import CaseError, load_case
 from jaxwillmore.cli import main
 from jaxwillmore.io import SurfaceWarning, examine_surface, read_surface
 from jaxwillmore.mesh import SurfaceError, check_mesh
+from jaxwillmore.runs import check_file, run_case
+from jaxwillmore.runs._start import starting_surface
 
 from .io.surfaces import ball, obj_text, ply_text, stl_bytes
 

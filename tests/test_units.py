@@ -4,7 +4,8 @@ import math
 
 import pytest
 
-from jaxwillmore.cases import CaseError, load_case, run_equilibrium
+from jaxwillmore.cases import CaseError, load_case
+from jaxwillmore.runs import run_equilibrium
 
 CASE = """
 [surface]

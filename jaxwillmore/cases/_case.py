@@ -3,9 +3,9 @@
 import dataclasses
 import typing
 
-from ._energy_sections import GLOBAL_ENERGIES, ConstraintsCase, EnergyCase
+from ._energy_sections import ConstraintsCase, EnergyCase
 from ._error import CaseError, shown
-from ._keys import entries
+from ._keys import entries, sections_below
 from ._phase_section import MODULI, PhaseCase
 from ._sections import BranchCase, EquilibriumCase, FlowCase, OutputCase, SurfaceCase, TimeCase
 from ._toml import emit
@@ -74,9 +74,8 @@ class Case:
 
     def to_toml(self) -> str:
         """A case file with every key; reading it gives this case again."""
-        energies = [getattr(self.energy, key) for key in GLOBAL_ENERGIES]
         later = (
-            *energies,
+            *self.energy.sections(),
             self.phase,
             self.constraints,
             self.flow,
@@ -99,7 +98,13 @@ class Case:
 SECTIONS = {
     kind.name: kind
     for kind in (
-        *(SurfaceCase, EnergyCase, *GLOBAL_ENERGIES.values(), PhaseCase, ConstraintsCase),
+        *(
+            SurfaceCase,
+            EnergyCase,
+            *sections_below(EnergyCase).values(),
+            PhaseCase,
+            ConstraintsCase,
+        ),
         *(FlowCase, TimeCase, EquilibriumCase, BranchCase, OutputCase),
     )
 }

@@ -1,12 +1,23 @@
-"""The sections about energies and constraints."""
+"""The sections about energies and constraints.
+
+An energy of the whole surface is a section that makes its energy, and one line in `EnergyCase`.
+"""
 
 import dataclasses
 import math
 import typing
 from typing import ClassVar
 
+from ..energies import (
+    AbstractEnergy,
+    AreaDifference,
+    AreaPenalty,
+    OsmoticPressure,
+    VolumePenalty,
+)
+from ..surface import area, volume
 from ._error import CaseError, shown
-from ._keys import check_keys, declare, key_names
+from ._keys import check_keys, declare, declare_section, key_names, sections_below, values
 from ._rules import number, number_or, optional, refused
 
 
@@ -29,6 +40,11 @@ class OsmoticCase:
     def __post_init__(self):
         check_keys(self)
 
+    def energy(self, mesh, x) -> AbstractEnergy:
+        """The energy of this section; it does not depend on the start `mesh`, `x`."""
+        del mesh, x
+        return OsmoticPressure(**values(self))
+
 
 @typing.no_type_check
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -43,6 +59,11 @@ class AreaDifferenceCase:
 
     def __post_init__(self):
         check_keys(self)
+
+    def energy(self, mesh, x) -> AbstractEnergy:
+        """The energy of this section; it does not depend on the start `mesh`, `x`."""
+        del mesh, x
+        return AreaDifference(**values(self))
 
 
 @typing.no_type_check
@@ -60,6 +81,12 @@ class AreaPenaltyCase:
     def __post_init__(self):
         check_keys(self)
 
+    def energy(self, mesh, x) -> AbstractEnergy:
+        """The energy of this section; `mesh`, `x` is the start, whose area "initial" means."""
+        preferred = self.preferred_area
+        preferred = float(area(mesh, x)) if preferred == "initial" else preferred
+        return AreaPenalty(self.stretching_modulus, preferred)
+
 
 @typing.no_type_check
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -76,11 +103,11 @@ class VolumePenaltyCase:
     def __post_init__(self):
         check_keys(self)
 
-
-GLOBAL_ENERGIES = {
-    kind.name.removeprefix("energy."): kind
-    for kind in (OsmoticCase, AreaDifferenceCase, AreaPenaltyCase, VolumePenaltyCase)
-}
+    def energy(self, mesh, x) -> AbstractEnergy:
+        """The energy of this section; `mesh`, `x` is the start, whose volume "initial" means."""
+        preferred = self.preferred_volume
+        preferred = float(volume(mesh, x)) if preferred == "initial" else preferred
+        return VolumePenalty(self.strength, preferred)
 
 
 @typing.no_type_check
@@ -99,24 +126,29 @@ class EnergyCase:
     )
     tension: float = declare(number("σ in + σ · area"), 0.0)
     pressure: float = declare(number("P in − P · volume; inside minus outside"), 0.0)
-    osmotic: OsmoticCase | None = None
-    area_difference: AreaDifferenceCase | None = None
-    area_penalty: AreaPenaltyCase | None = None
-    volume_penalty: VolumePenaltyCase | None = None
+    osmotic: OsmoticCase | None = declare_section(OsmoticCase)
+    area_difference: AreaDifferenceCase | None = declare_section(AreaDifferenceCase)
+    area_penalty: AreaPenaltyCase | None = declare_section(AreaPenaltyCase)
+    volume_penalty: VolumePenaltyCase | None = declare_section(VolumePenaltyCase)
 
     def __post_init__(self):
         check_keys(self)
-        for key, kind in GLOBAL_ENERGIES.items():
+        for key, kind in sections_below(EnergyCase).items():
             section = getattr(self, key)
             if not (section is None or isinstance(section, kind)):
                 problem = f"must be a `{kind.__name__}`; got {shown(section)}."
                 raise CaseError(problem, section=kind.name, got=section)
 
+    def sections(self) -> list[typing.Any]:
+        """The sections of energies of the whole surface that are there."""
+        given = [getattr(self, key) for key in sections_below(EnergyCase)]
+        return [section for section in given if section is not None]
+
     def remarks(self) -> list[tuple[str, None, str]]:
         """What a case file says about the sections that are not there."""
         return [
             (f"[{kind.name}]", None, ", ".join(key_names(kind)))
-            for key, kind in GLOBAL_ENERGIES.items()
+            for key, kind in sections_below(EnergyCase).items()
             if getattr(self, key) is None
         ]
 

@@ -14,6 +14,20 @@ def declare(rule: Rule, default: Any = dataclasses.MISSING) -> Any:
     return dataclasses.field(default=default, metadata={"rule": rule})
 
 
+def declare_section(kind: type) -> Any:
+    """A section below this one, which may be left out."""
+    return dataclasses.field(default=None, metadata={"section": kind})
+
+
+def sections_below(kind) -> dict[str, Any]:
+    """The sections below a section, by the keys under which it holds them."""
+    return {
+        field.name: field.metadata["section"]
+        for field in dataclasses.fields(kind)
+        if "section" in field.metadata
+    }
+
+
 def check_keys(section) -> None:
     """Put every key into its final type, or raise `CaseError`."""
     for field in _fields(section):

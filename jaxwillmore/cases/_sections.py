@@ -13,6 +13,7 @@ from typing import Any, ClassVar
 from ..shapes import SHAPES, shape_parameters
 from ._error import CaseError, shown, suggestion
 from ._keys import check_keys, declare, entries, key_names, unknown_key
+from ._laws import LAWS
 from ._rules import (
     Rule,
     apply,
@@ -118,9 +119,7 @@ class FlowCase:
     kind: str = declare(
         choice(
             "willmore (Canham–Helfrich where H0 is not 0), another law, or a surface at rest",
-            "willmore",
-            "mean-curvature",
-            "surface-diffusion",
+            *LAWS,
             "phase",
         ),
         "willmore",

@@ -15,11 +15,11 @@ from jaxwillmore.cases import (
     is_example,
     load_case,
     load_fit,
-    run_fit,
 )
 from jaxwillmore.cli import main
 from jaxwillmore.equilibria import equilibrium
 from jaxwillmore.io import write_npz
+from jaxwillmore.runs import run_fit
 
 from .profiles import OBLATE, equilibrium_nodes
 

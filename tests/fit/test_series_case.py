@@ -7,13 +7,14 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from jaxwillmore.cases import CaseError, FlowModelCase, load_fit, run_fit
-from jaxwillmore.cases._fit_series import FlowOfCase
+from jaxwillmore.cases import CaseError, FlowModelCase, load_fit
 from jaxwillmore.cli import main
 from jaxwillmore.evolve import evolve
 from jaxwillmore.flows import Loads, MinimalDeformation, WillmoreFlow
 from jaxwillmore.io import RunFolder, write_npz
 from jaxwillmore.mesh import SurfaceError, ellipsoid, icosphere, torus
+from jaxwillmore.runs import run_fit
+from jaxwillmore.runs._fit_series import FlowOfCase
 
 MESH, X = ellipsoid((1.0, 1.2, 1.5), 0, 2)
 TIMES, MODULUS = (0.01, 0.03), 0.7

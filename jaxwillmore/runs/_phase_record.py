@@ -6,6 +6,7 @@ from typing import Any
 import equinox as eqx
 import numpy as np
 
+from ..cases import Case
 from ..energies import TwoPhase
 from ..equilibria import Equilibrium
 from ..evolve import State
@@ -13,7 +14,6 @@ from ..health import HealthWarning, concentration_warnings
 from ..mesh import SurfaceMesh
 from ..phases import amount, domains, interface_length
 from ..surface import area
-from ._case import Case
 from ._phase import mixing_energy, mixing_energy_width
 
 # Names of `summary.json`; `history.csv` has them with this before.

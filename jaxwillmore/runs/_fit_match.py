@@ -5,8 +5,8 @@ from typing import Any
 import numpy as np
 
 from .. import fit as fits
+from ..cases import FitTask
 from ..io import RunFolder, write_npz
-from ._fit_case import FitTask
 from ._fit_iterate import read_iterate, write_iterate
 from ._fit_pictures import draw_profiles, draw_shape, warned_only
 from ._fit_summary import ending, identification, verdict_of

@@ -5,10 +5,8 @@ import pathlib
 import re
 from typing import NamedTuple
 
+from ..cases import Case, FitTask, is_example
 from ..io import RunFolder
-from ._case import Case
-from ._examples import is_example
-from ._fit_case import FitTask
 
 _PLAIN = re.compile(r"[A-Za-z0-9_][A-Za-z0-9._-]{0,63}")
 

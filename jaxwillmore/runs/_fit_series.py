@@ -7,16 +7,14 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from .. import fit as fits
+from ..cases import FLOW_PARAMETERS, CaseError, FitTask, FlowModelCase
 from ..energies import Pressure, SurfaceTension
 from ..flows import AbstractLaw, Loads, MinimalDeformation, System, WillmoreFlow
 from ..io import RunFolder, write_npz
 from ..mesh import SurfaceMesh
 from ..surface import area, volume
-from ._error import CaseError
-from ._fit_case import FitTask
 from ._fit_iterate import read_iterate, write_iterate
 from ._fit_pictures import draw_profiles, draw_shape, warned_only
-from ._fit_sections import FLOW_PARAMETERS, FlowModelCase
 from ._fit_summary import ending, identification, verdict_of
 
 LOADS = (("tension", SurfaceTension), ("pressure", Pressure))

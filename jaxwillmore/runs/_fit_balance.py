@@ -3,12 +3,11 @@
 from typing import Any
 
 from .. import fit as fits
+from ..cases import CaseError, FitTask
 from ..equilibria import smoothed
 from ..io import RunFolder, write_npz
 from ..mesh import raise_degree
 from ..plot import surface_picture
-from ._error import CaseError
-from ._fit_case import FitTask
 from ._fit_pictures import warned_only
 from ._fit_summary import ending, identification, verdict_of
 

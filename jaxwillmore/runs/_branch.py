@@ -8,11 +8,11 @@ from collections.abc import Callable, Iterable
 from typing import Any
 
 from .._interrupts import catch_interrupts, interrupted
+from ..cases import OF_PHASES, Case, CaseError
 from ..equilibria import BranchEvent, Equilibrium, branch, memory_estimate, message, name_of
 from ..health import HealthWarning, health_warnings
 from ..io import RunFolder
 from ..plot import branch_picture
-from ._case import Case
 from ._doubts import doubts
 from ._equilibrium import (
     check_equilibrium,
@@ -24,10 +24,8 @@ from ._equilibrium import (
     wanted_of,
     write_shape,
 )
-from ._error import CaseError
 from ._inputs import stored_case
 from ._output import Existing, ending, fields_of, open_folder, pictures
-from ._sections import OF_PHASES
 from ._size import Announce, announced
 from ._start import starting_surface
 from ._summary import end_of_equilibrium, health_of, provenance, warnings_of

@@ -4,22 +4,17 @@ import equinox as eqx
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
+from ..cases import LAWS, Case, CaseError, ball_volume, check_isoperimetric
 from ..flows import (
     AbstractLaw,
     Loads,
-    MeanCurvatureFlow,
     MinimalDeformation,
-    SurfaceDiffusion,
     System,
-    WillmoreFlow,
     gradient_flow,
 )
 from ..mesh import SurfaceMesh
 from ..surface import area, volume
-from ._case import Case
 from ._energies import global_energy
-from ._energy_sections import ball_volume, check_isoperimetric
-from ._error import CaseError
 from ._phase import kinetics, mixing_energy
 
 # Above this reduced volume the gradients of area and volume are too nearly parallel to leave from.
@@ -51,7 +46,9 @@ def flow_of(case: Case, mesh: SurfaceMesh, x) -> System:
     """
     if case.flow.kind == "phase":
         return gradient_flow(mixing_energy(case), phase=kinetics(case))
-    laws: list[AbstractLaw | System] = [_law(case)] if case.phase is None else [_coupled(case)]
+    laws: list[AbstractLaw | System] = (
+        [LAWS[case.flow.kind](case.energy, case.flow)] if case.phase is None else [_coupled(case)]
+    )
     held_area = _held_area(case, float(area(mesh, x)))
     held_volume = _held_volume(case, float(area(mesh, x)), float(volume(mesh, x)))
     loads = global_energy(case, mesh, x)
@@ -83,20 +80,6 @@ def _loads(case: Case, energy, held_area, held_volume) -> Loads:
         return Loads(energy, area=held_area, volume=held_volume)
     except ValueError as error:
         raise CaseError(str(error), section="constraints") from error
-
-
-def _law(case: Case) -> AbstractLaw:
-    energy, flow = case.energy, case.flow
-    if flow.kind == "willmore":
-        return WillmoreFlow(
-            bending_modulus=energy.bending_modulus,
-            spontaneous_curvature=energy.spontaneous_curvature,
-            consistency=flow.consistency,
-            consistency_weight=flow.consistency_weight,
-        )
-    if flow.kind == "mean-curvature":
-        return MeanCurvatureFlow(consistency=flow.consistency)
-    return SurfaceDiffusion(consistency=flow.consistency)
 
 
 def _held_area(case: Case, now: float) -> float | None:

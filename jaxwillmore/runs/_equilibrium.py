@@ -10,6 +10,7 @@ from typing import Any
 import equinox as eqx
 
 from .._interrupts import catch_interrupts
+from ..cases import Case, CaseError
 from ..equilibria import (
     SPHERE,
     Equilibrium,
@@ -23,10 +24,8 @@ from ..equilibria import (
 from ..io import RunFolder, write_vtu
 from ..plot import surface_picture
 from ..surface import recover_mean_curvature
-from ._case import Case
 from ._doubts import doubts
 from ._energies import bending_energy, global_energy
-from ._error import CaseError
 from ._inputs import stored_case
 from ._output import UNHEALTHY, Existing, ending, fields_of, open_folder, pictures
 from ._phase import mixing_energy

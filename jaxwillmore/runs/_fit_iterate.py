@@ -3,8 +3,8 @@
 import json
 from typing import Any
 
+from ..cases import CaseError
 from ..io import RunFolder, atomic_write
-from ._error import CaseError
 
 ITERATE = "iterate.json"
 

@@ -4,9 +4,8 @@ import os
 import pathlib
 from typing import Any
 
+from ..cases import CaseError, example_path, is_example
 from ..io import examine_surface, write_npz, write_ply
-from ._error import CaseError
-from ._examples import example_path, is_example
 
 _WRITERS = {".ply": write_ply, ".npz": write_npz}
 

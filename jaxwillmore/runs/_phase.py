@@ -6,13 +6,11 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
+from ..cases import Case, CaseError, PhaseCase
 from ..energies import FloryHuggins, GinzburgLandau, Mixture, QuarticWell, TwoPhase
 from ..flows import AllenCahn, CahnHilliard
 from ..mesh import SurfaceMesh
 from ..phases import caps, checked_width, spinodal, stripe, with_mean
-from ._case import Case
-from ._error import CaseError
-from ._phase_section import PhaseCase
 
 MEAN = 0.5
 

@@ -9,13 +9,11 @@ from collections.abc import Callable
 from typing import Any
 
 from .._interrupts import catch_interrupts
+from ..cases import Case, CaseError, load_case
 from ..evolve import memory_estimate, name_of
 from ..io import Checkpoint, RunFolder, RunFolderError, SolutionError
-from ._case import Case
-from ._error import CaseError
 from ._flow import flow_of
 from ._inputs import stored_case
-from ._load import load_case
 from ._output import INTERRUPTED
 from ._recorder import Recorder
 from ._run import CaseRun, performed

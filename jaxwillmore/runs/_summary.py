@@ -11,6 +11,7 @@ import equinox as eqx
 import numpy as np
 
 from .._version import __version__
+from ..cases import Case
 from ..energies import Willmore, willmore_of_field
 from ..equilibria import Equilibrium
 from ..evolve import State, diagnostics
@@ -18,7 +19,6 @@ from ..flows import System
 from ..health import HealthWarning, health_warnings, least_willmore
 from ..mesh import SurfaceMesh, quality
 from ..surface import area, centroid, volume
-from ._case import Case
 from ._energies import bending_energy
 from ._phase_record import phase_of_equilibrium, phase_summary
 

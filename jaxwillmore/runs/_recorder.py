@@ -7,12 +7,12 @@ from typing import Any
 import numpy as np
 
 from .._interrupts import interrupted
+from ..cases import Case
 from ..evolve import Solution, State
 from ..health import HealthWarning, health_warnings
 from ..io import Checkpoint, RunFolder
 from ..mesh import SurfaceMesh
 from ..surface import recover_mean_curvature, recover_normal
-from ._case import Case
 from ._output import gaussian_curvature
 from ._phase_record import PhaseRecord, warnings_of_phase
 from ._summary import first_record, row_of, warnings_of

@@ -1,19 +1,8 @@
 """The energies of the whole surface that a case asks for."""
 
-from ..energies import (
-    AbstractEnergy,
-    AreaDifference,
-    AreaPenalty,
-    CanhamHelfrich,
-    OsmoticPressure,
-    Pressure,
-    SurfaceTension,
-    VolumePenalty,
-)
+from ..cases import Case
+from ..energies import AbstractEnergy, CanhamHelfrich, Pressure, SurfaceTension
 from ..mesh import SurfaceMesh
-from ..surface import area, volume
-from ._case import Case
-from ._keys import values
 
 
 def bending_energy(case: Case) -> CanhamHelfrich:
@@ -37,18 +26,7 @@ def global_energy(case: Case, mesh: SurfaceMesh, x, loads: bool = True) -> Abstr
         terms.append(SurfaceTension(energy.tension))
     if loads and energy.pressure:
         terms.append(Pressure(energy.pressure))
-    if energy.osmotic is not None:
-        terms.append(OsmoticPressure(**values(energy.osmotic)))
-    if energy.area_difference is not None:
-        terms.append(AreaDifference(**values(energy.area_difference)))
-    if energy.area_penalty is not None:
-        preferred = energy.area_penalty.preferred_area
-        preferred = float(area(mesh, x)) if preferred == "initial" else preferred
-        terms.append(AreaPenalty(energy.area_penalty.stretching_modulus, preferred))
-    if energy.volume_penalty is not None:
-        preferred = energy.volume_penalty.preferred_volume
-        preferred = float(volume(mesh, x)) if preferred == "initial" else preferred
-        terms.append(VolumePenalty(energy.volume_penalty.strength, preferred))
+    terms += [section.energy(mesh, x) for section in energy.sections()]
     total = None
     for term in terms:
         total = term if total is None else total + term

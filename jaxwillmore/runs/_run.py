@@ -8,12 +8,11 @@ from collections.abc import Callable
 from typing import Any
 
 from .._interrupts import catch_interrupts
+from ..cases import Case, CaseError
 from ..evolve import Checkpoints, Solution, State, evolve, memory_estimate, message, name_of
 from ..flows import System
 from ..io import Checkpoint, RunFolder, read_history
 from ..plot import history_picture, surface_picture
-from ._case import Case
-from ._error import CaseError
 from ._flow import flow_of
 from ._inputs import stored_case
 from ._output import INTERRUPTED, UNHEALTHY, Existing, ending, open_folder, pictures

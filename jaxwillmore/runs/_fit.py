@@ -8,11 +8,9 @@ from collections.abc import Callable
 from typing import Any, Literal
 
 from .._interrupts import catch_interrupts
+from ..cases import CaseError, FitTask, example_path, is_example
 from ..io import read_surface
-from ._error import CaseError
-from ._examples import example_path, is_example
 from ._fit_balance import balance
-from ._fit_case import FitTask
 from ._fit_match import match
 from ._fit_series import series
 from ._inputs import stored_fit

@@ -6,14 +6,11 @@ from typing import NamedTuple
 from jaxtyping import Array
 
 from .._types import Nodes
+from ..cases import Case, CaseError, SurfaceCase, example_path, is_example
 from ..io import SurfaceWarning, examine_surface
 from ..mesh import SurfaceMesh, quality, raise_degree, refine
 from ..shapes import make_shape
-from ._case import Case
-from ._error import CaseError
-from ._examples import example_path, is_example
 from ._phase import starting_concentration
-from ._sections import SurfaceCase
 
 
 class Start(NamedTuple):

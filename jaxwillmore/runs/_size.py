@@ -3,8 +3,8 @@
 from collections.abc import Callable
 
 from .._machine import checked_memory, gigabytes
+from ..cases import CaseError
 from ..mesh import SurfaceMesh
-from ._error import CaseError
 
 Announce = Callable[[str], None]
 
