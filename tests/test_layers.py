@@ -56,6 +56,18 @@ def test_imports_point_downward(path):
 
 
 @pytest.mark.parametrize("path", FILES, ids=lambda path: str(path.relative_to(ROOT)))
+def test_what_is_private_stays_in_its_package(path):
+    """Modules of the top level with an underscore are private to the whole package."""
+    for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+        if isinstance(node, ast.ImportFrom) and node.level >= len(path.relative_to(ROOT).parts):
+            inside = (node.module or "").split(".")[1:]
+            names = [*inside, *(alias.name for alias in node.names)]
+            hidden = [name for name in names if name.startswith("_") and name != "__version__"]
+            top = not node.module
+            assert top or not hidden, f"{hidden} of {node.module}"
+
+
+@pytest.mark.parametrize("path", FILES, ids=lambda path: str(path.relative_to(ROOT)))
 def test_files_stay_small_enough_to_read(path):
     source = path.read_text(encoding="utf-8")
     assert source.count("\n") <= 400, "split the file"

@@ -1,6 +1,10 @@
 """Energies of a surface, as functions of its nodes and of what lives on them."""
 
-from ._base import AbstractEnergy as AbstractEnergy, terms_of as terms_of
+from ._base import (
+    AbstractEnergy as AbstractEnergy,
+    Combination as Combination,
+    terms_of as terms_of,
+)
 from ._canham_helfrich import CanhamHelfrich as CanhamHelfrich
 from ._density import (
     Density as Density,

@@ -11,7 +11,7 @@ from jaxtyping import Array, Float, Int
 from ..evolve import RESULTS as ENDS, Stepper, Trajectory, evolve, replay
 from ..flows import AbstractLaw, System
 from ..mesh import SurfaceMesh
-from ..surface._distance import distance_to_cells
+from ..surface import distance_to_cells
 from ._conclusion import values_of
 from ._descend import Aux
 from ._parameters import AbstractRange

@@ -3,7 +3,7 @@
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
-from ..surface._distance import distance_to_cells
+from ..surface import distance_to_cells
 from ._shape_residuals import ShapeResiduals
 
 

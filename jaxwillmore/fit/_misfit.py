@@ -12,9 +12,7 @@ from jaxtyping import Array, Bool, Float, Int
 
 from ..fem import load, rule_for
 from ..mesh import SurfaceMesh
-from ..surface import body_centroid
-from ..surface._distance import distance_to_cells
-from ..surface._harmonics import radial_coefficients
+from ..surface import body_centroid, distance_to_cells, radial_coefficients
 from ._statistics import patches_of
 from ._targets import Target, sides
 

@@ -10,7 +10,7 @@ from jaxtyping import Array, Float
 from ..energies import TwoPhase
 from ..equilibria import Resolved
 from ..fem import gather, rule_for
-from ..surface._distance import distance_and_value
+from ..surface import distance_and_value
 from ._conclusion import values_of
 from ._descend import Aux
 from ._parameters import AbstractRange

@@ -7,7 +7,11 @@ from ._curvature import (
     principal_curvatures as principal_curvatures,
     weingarten as weingarten,
 )
-from ._distance import signed_distance as signed_distance
+from ._distance import (
+    distance_and_value as distance_and_value,
+    distance_to_cells as distance_to_cells,
+    signed_distance as signed_distance,
+)
 from ._gaussian import (
     gaussian_curvature_load as gaussian_curvature_load,
     recover_gaussian_curvature as recover_gaussian_curvature,
@@ -15,6 +19,7 @@ from ._gaussian import (
 from ._harmonics import (
     harmonic_coefficients as harmonic_coefficients,
     harmonic_power as harmonic_power,
+    radial_coefficients as radial_coefficients,
     real_harmonics as real_harmonics,
 )
 from ._level_set import (

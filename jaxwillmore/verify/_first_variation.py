@@ -24,6 +24,7 @@ from jaxtyping import Array, Float
 from ..energies import (
     AbstractGlobalEnergy,
     CanhamHelfrich,
+    Combination,
     GinzburgLandau,
     TwoPhase,
     Willmore,
@@ -31,7 +32,6 @@ from ..energies import (
     modulus_jet,
     terms_of,
 )
-from ..energies._base import Combination
 from ..fem import Jet, inner
 from ..surface import gaussian_curvature
 

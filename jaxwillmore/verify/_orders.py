@@ -13,8 +13,7 @@ import jax
 import jax.numpy as jnp
 
 from .._types import Nodes
-from ..evolve import replay
-from ..evolve._adaptive import graded_times
+from ..evolve import graded_times, replay
 from ..flows import AbstractLaw, System, WillmoreFlow
 from ..mesh import SurfaceMesh
 from ..surface import area
