@@ -1,5 +1,6 @@
 """Time stepping: adaptive implicit runs, and differentiable replays of their schedules."""
 
+from ._adaptive import graded_times as graded_times
 from ._checkpoints import Checkpoints as Checkpoints
 from ._evolve import evolve as evolve
 from ._memory import memory_estimate as memory_estimate
