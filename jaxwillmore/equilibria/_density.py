@@ -5,11 +5,10 @@ $\kappa = 2 b_b$. A membrane with a concentration has the jet of $c$ among its a
 """
 
 import equinox as eqx
-import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
-from ..fem import EnergyForm, Jet, Layout, Rule, gather, point, trace
+from ..fem import EnergyForm, Jet, Layout, Rule, point, quadrature_sum, trace
 from ..mesh import SurfaceMesh
 from ._parameters import Parameters, moduli, phases_of
 
@@ -63,44 +62,28 @@ TWO_PHASES = EnergyForm(_of_all, Layout(("x", "y", "c"), (3, 3, 1)))
 
 def integral(mesh: SurfaceMesh, rule: Rule, fields, p: Parameters, g) -> Float[Array, ""]:
     """Integral of `density`; `fields` are the nodal components of $x$, $y$ and, if any, $c$."""
-
-    def cell(local):
-        def at(phi, weight):
-            return weight * density(local.T @ phi, p, g)
-
-        return jnp.sum(jax.vmap(at)(rule.phi, rule.weights))
-
-    return jnp.sum(jax.vmap(cell)(gather(mesh, fields)))
+    return quadrature_sum(mesh, rule, fields, lambda P: density(P, p, g))
 
 
 def mixing(mesh: SurfaceMesh, rule: Rule, x, c, p: Parameters) -> Float[Array, ""]:
     r"""$\int \Psi(c) + \tfrac\gamma2|\nabla_\Gamma c|^2$."""
 
-    def cell(local):
-        def at(phi, weight):
-            P = local.T @ phi
-            here = point(P[:3, 0], P[:3, 1:])
-            jet = Jet(P[3, 0], P[3, 1:] @ here.lift.T)
-            return weight * here.dA * phases_of(p).mixing(jet)
+    def at(P):
+        here = point(P[:3, 0], P[:3, 1:])
+        return here.dA * phases_of(p).mixing(Jet(P[3, 0], P[3, 1:] @ here.lift.T))
 
-        return jnp.sum(jax.vmap(at)(rule.phi, rule.weights))
-
-    return jnp.sum(jax.vmap(cell)(gather(mesh, jnp.concatenate([x, c[:, None]], axis=1))))
+    return quadrature_sum(mesh, rule, _with(x, c), at)
 
 
 @eqx.filter_jit
 def area_and_volume(mesh: SurfaceMesh, rule: Rule, x: Float[Array, "nodes 3"]):
     """Area and enclosed volume by the quadrature of the functional."""
 
-    def cell(x_T):
-        def at(phi, weight):
-            X = x_T.T @ phi
-            cross = jnp.cross(X[:, 1], X[:, 2])
-            return weight * jnp.stack([jnp.linalg.norm(cross), jnp.sum(X[:, 0] * cross) / 3])
+    def at(X):
+        cross = jnp.cross(X[:, 1], X[:, 2])
+        return jnp.stack([jnp.linalg.norm(cross), jnp.sum(X[:, 0] * cross) / 3])
 
-        return jnp.sum(jax.vmap(at)(rule.phi, rule.weights), axis=0)
-
-    both = jnp.sum(jax.vmap(cell)(gather(mesh, x)), axis=0)
+    both = quadrature_sum(mesh, rule, x, at)
     return both[0], both[1]
 
 
@@ -108,11 +91,11 @@ def area_and_volume(mesh: SurfaceMesh, rule: Rule, x: Float[Array, "nodes 3"]):
 def amount_of(mesh: SurfaceMesh, rule: Rule, x: Float[Array, "nodes 3"], c: Float[Array, " nodes"]):
     r"""$\int c$ by the quadrature of the functional."""
 
-    def cell(local):
-        def at(phi, weight):
-            P = local.T @ phi
-            return weight * P[3, 0] * jnp.linalg.norm(jnp.cross(P[:3, 1], P[:3, 2]))
+    def at(P):
+        return P[3, 0] * jnp.linalg.norm(jnp.cross(P[:3, 1], P[:3, 2]))
 
-        return jnp.sum(jax.vmap(at)(rule.phi, rule.weights))
+    return quadrature_sum(mesh, rule, _with(x, c), at)
 
-    return jnp.sum(jax.vmap(cell)(gather(mesh, jnp.concatenate([x, c[:, None]], axis=1))))
+
+def _with(x, c):
+    return jnp.concatenate([x, c[:, None]], axis=1)

@@ -1,13 +1,12 @@
 """Reference surfaces: normals, matrices, and the next reference from a displacement."""
 
 import equinox as eqx
-import jax
 import jax.numpy as jnp
 import lineax as lx
 import numpy as np
 from jaxtyping import Array, Float
 
-from ..fem import Rule, gather, load, point, rule_for
+from ..fem import Rule, load, mass_and_stiffness, rule_for
 from ..linalg import (
     BlockPattern,
     HostMatrix,
@@ -64,20 +63,8 @@ def _left_behind(mesh, X, arm, c) -> Float[Array, "nodes 6"]:
 
 def _matrices(mesh, rule, pattern, X):
     """Mass and stiffness entries on the pattern."""
-
-    def cell(x_T):
-        def at(phi, weight):
-            J = x_T.T @ phi
-            here = point(J[:, 0], J[:, 1:])
-            grad = phi[:, 1:] @ here.lift.T
-            both = jnp.stack([jnp.outer(phi[:, 0], phi[:, 0]), grad @ grad.T], axis=-1)
-            return weight * here.dA * both
-
-        return jnp.sum(jax.vmap(at)(rule.phi, rule.weights), axis=0)
-
-    local = jax.vmap(cell)(gather(mesh, X))
-    mass, stiffness = (scatter_blocks(pattern, local[..., k, None, None])[:, 0, 0] for k in (0, 1))
-    return mass, stiffness
+    local = mass_and_stiffness(mesh, rule, X)
+    return (scatter_blocks(pattern, matrices[..., None, None])[:, 0, 0] for matrices in local)
 
 
 def advanced(r: Reference, s: Float[Array, " nodes"]) -> Float[Array, "nodes 3"]:

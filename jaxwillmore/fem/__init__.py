@@ -13,10 +13,15 @@ from ._integrate import (
     integrate as integrate,
     integrate_by_cell as integrate_by_cell,
     l2_norm as l2_norm,
+    quadrature_sum as quadrature_sum,
 )
 from ._jet import Jet as Jet, inner as inner, sym as sym, trace as trace
 from ._layout import Layout as Layout
-from ._mass import load as load, project as project
+from ._mass import (
+    load as load,
+    mass_and_stiffness as mass_and_stiffness,
+    project as project,
+)
 from ._metric import Point as Point, point as point
 from ._planned_jacobian import planned_cell_jacobians as planned_cell_jacobians
 from ._scalar_graph import Unsupported as Unsupported

@@ -11,7 +11,27 @@ from .._arguments import double
 from ..mesh import SurfaceMesh
 from ._jet import Jet
 from ._metric import Point, point
-from ._space import gather, rule_for
+from ._space import Rule, gather, rule_for
+
+
+def quadrature_sum(
+    mesh: SurfaceMesh,
+    rule: Rule,
+    nodal: Float[Array, "nodes components"],
+    at: Callable[[Float[Array, "components 3"]], Float[Array, "..."]],
+) -> Float[Array, "..."]:
+    r"""$\sum_T\sum_q w_q f(P_q)$ over all cells, without an area element.
+
+    **Arguments:**
+
+    - `at`: the function f of value and two reference derivatives of the components of `nodal`; the
+      nodes themselves are among them if it depends on the surface.
+    """
+
+    def cell(local):
+        return jnp.sum(jax.vmap(lambda p, w: w * at(local.T @ p))(rule.phi, rule.weights), axis=0)
+
+    return jnp.sum(jax.vmap(cell)(gather(mesh, nodal)), axis=0)
 
 
 def jets_at(

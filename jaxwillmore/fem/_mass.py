@@ -1,4 +1,4 @@
-"""L² projection: load vectors and solves with the consistent mass matrix."""
+"""L² projection: load vectors, mass and stiffness matrices, solves with the mass matrix."""
 
 from collections.abc import Callable
 
@@ -10,7 +10,7 @@ from jaxtyping import Array, Float
 from ..mesh import SurfaceMesh
 from ._integrate import jets_at
 from ._metric import point
-from ._space import gather, rule_for, scatter_add
+from ._space import Rule, gather, rule_for, scatter_add
 
 
 def load(
@@ -45,6 +45,24 @@ def load(
     return scatter_add(mesh, jax.vmap(cell)(gather(mesh, x), local))
 
 
+def mass_and_stiffness(
+    mesh: SurfaceMesh, rule: Rule, x: Float[Array, "nodes 3"]
+) -> tuple[Float[Array, "cells local local"], Float[Array, "cells local local"]]:
+    r"""$\int_T\varphi_i\varphi_j$ and $\int_T\nabla\varphi_i\cdot\nabla\varphi_j$, cell by cell."""
+
+    def cell(x_T):
+        def at(phi, weight):
+            X = x_T.T @ phi
+            here = point(X[:, 0], X[:, 1:])
+            grad = phi[:, 1:] @ here.lift.T
+            return weight * here.dA * jnp.stack([jnp.outer(phi[:, 0], phi[:, 0]), grad @ grad.T])
+
+        return jnp.sum(jax.vmap(at)(rule.phi, rule.weights), axis=0)
+
+    both = jax.vmap(cell)(gather(mesh, x))
+    return both[:, 0], both[:, 1]
+
+
 def project(
     mesh: SurfaceMesh,
     x: Float[Array, "nodes 3"],
@@ -58,17 +76,7 @@ def project(
     so a fixed few dozen iterations suffice on every mesh. Differentiable in `x` and `b` by the
     implicit function theorem.
     """
-    rule = rule_for(mesh)
-
-    def cell(x_T):
-        def at(phi, weight):
-            X = x_T.T @ phi
-            dA = point(X[:, 0], X[:, 1:]).dA
-            return weight * dA * jnp.outer(phi[:, 0], phi[:, 0])
-
-        return jnp.sum(jax.vmap(at)(rule.phi, rule.weights), axis=0)
-
-    M = jax.vmap(cell)(gather(mesh, x))
+    M, _ = mass_and_stiffness(mesh, rule_for(mesh), x)
     diagonal = scatter_add(mesh, jax.vmap(jnp.diagonal)(M))
     scale = jax.lax.rsqrt(diagonal)[:, None]
 

@@ -1,12 +1,11 @@
 r"""The norm in which forces on a surface are compared."""
 
 import equinox as eqx
-import jax
 import jax.numpy as jnp
 import lineax as lx
 from jaxtyping import Array, Float
 
-from ..fem import gather, point, rule_for
+from ..fem import mass_and_stiffness, rule_for
 from ..linalg import BlockPattern, SparseOperator, SparseSolver, block_pattern, scatter_blocks
 from ..mesh import SurfaceMesh
 
@@ -60,17 +59,6 @@ def force_norm(
 
 @eqx.filter_jit
 def _assembled(mesh: SurfaceMesh, pattern: BlockPattern, x, length) -> ForceNorm:
-    rule = rule_for(mesh, min(2 * mesh.degree + 2, 10))
-
-    def cell(x_T):
-        def at(phi, weight):
-            J = x_T.T @ phi
-            here = point(J[:, 0], J[:, 1:])
-            grad = phi[:, 1:] @ here.lift.T
-            return weight * here.dA * jnp.stack([jnp.outer(phi[:, 0], phi[:, 0]), grad @ grad.T])
-
-        return jnp.sum(jax.vmap(at)(rule.phi, rule.weights), axis=0)
-
-    local = jax.vmap(cell)(gather(mesh, x))[..., None, None]
-    M, S = (scatter_blocks(pattern, local[:, k]) for k in (0, 1))
+    local = mass_and_stiffness(mesh, rule_for(mesh, min(2 * mesh.degree + 2, 10)), x)
+    M, S = (scatter_blocks(pattern, matrices[..., None, None]) for matrices in local)
     return ForceNorm(SparseOperator(M, pattern), SparseOperator(M + length**2 * S, pattern), length)
