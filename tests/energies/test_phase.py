@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from jaxwillmore.energies import FloryHuggins, FreeEnergy, GinzburgLandau, QuarticWell
-from jaxwillmore.fem import Jet
+from jaxwillmore.fem import Jet, inner, load
 from jaxwillmore.mesh import icosphere
 from jaxwillmore.phases import resolution
 
@@ -71,6 +71,22 @@ def test_the_slope_by_line_tension_is_the_energy_over_it():
     np.testing.assert_allclose(slope.well.line_tension, expected, rtol=1e-12)
     twice = value(energy.scaled(2.0), mesh, x, c)
     np.testing.assert_allclose(twice, 4 * expected, rtol=1e-13)
+
+
+def test_the_slope_by_the_concentration_is_that_of_the_weak_form():
+    r"""$(\Psi', \delta c) + \gamma(\nabla c, \nabla\delta c)$ by the rule of flows, to rounding.
+
+    Only then does a flow of c lower exactly this number.
+    """
+    mesh, x = icosphere(0, 2)
+    energy, c = GinzburgLandau(1.0, 0.5), jnp.sin(2 * x[:, 2]) + x[:, 0]
+    slope = jax.grad(lambda c: energy(mesh, x, {"c": c}))(c)
+
+    def tested(_, f, phi, grad):
+        by = jax.grad(energy.density)(f.c)
+        return by.value * phi + inner(by.grad, grad)
+
+    np.testing.assert_allclose(slope, load(mesh, x, tested, {"c": c}), atol=1e-12)
 
 
 def test_the_density_at_a_point_is_what_is_integrated():

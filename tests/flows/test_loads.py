@@ -1,13 +1,25 @@
 """Forces of the whole surface: exact constraints, and spheres on their exact radius law."""
 
+from types import SimpleNamespace
+
 import jax.numpy as jnp
 import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
 import jaxwillmore as jw
-from jaxwillmore.energies import AreaPenalty, OsmoticPressure, Pressure, SurfaceTension
+from jaxwillmore.energies import (
+    AreaDifference,
+    AreaPenalty,
+    ExternalPotential,
+    OsmoticPressure,
+    Pressure,
+    SurfaceTension,
+)
+from jaxwillmore.fem import Jet, point
 from jaxwillmore.flows import Loads, MinimalDeformation, System, WillmoreFlow, as_system
+
+from .systems import whole
 
 FOUR_PI = 4 * np.pi
 
@@ -39,6 +51,44 @@ def test_the_scale_of_the_energy_adds_the_sizes_of_its_terms(ellipsoid):
     expected = flow.energy_scale(mesh, x) + 2.0 * A + 4.5 * V
     np.testing.assert_allclose(loaded.energy_scale(mesh, x), expected, rtol=1e-12)
     assert float(loaded.energy(mesh, x)) < 0 < float(flow.energy(mesh, x))
+
+
+def test_the_force_at_a_point_of_known_curvatures():
+    r"""$-\sigma H + P - 2 m K - (\phi H + \partial_\nu\phi)$ where $A$ = diag(3, −0.5, 0)."""
+    law = Loads(2.0 * ExternalPotential(lambda p: 0.3 + p[0] * p[2]))
+    nu = Jet(jnp.array([0.0, 0.0, 1.0]), jnp.diag(jnp.array([3.0, -0.5, 0.0])))
+    hat = SimpleNamespace(H=Jet(jnp.asarray(2.5), jnp.zeros(3)), nu=nu)
+    here = point(jnp.array([0.4, 0.0, 0.7]), jnp.eye(3)[:, :2])
+
+    def force(*multipliers):
+        flow, nothing = System(WillmoreFlow(), law), SimpleNamespace()
+        return flow.local(here, nothing, hat, hat, nothing, jnp.array(multipliers)).force()
+
+    phi, slope = 0.3 + 0.4 * 0.7, 0.4
+    outside = -2.0 * (phi * 2.5 + slope)
+    np.testing.assert_allclose(force(0.0, 0.0, 0.0), outside, rtol=1e-14)
+    expected = -1.1 * 2.5 + 0.7 - 2 * 0.9 * (3.0 * -0.5) + outside
+    np.testing.assert_allclose(force(1.1, 0.7, 0.9), expected, rtol=1e-14)
+
+
+def test_multipliers_are_the_slopes_of_the_energy_where_nothing_is_held():
+    r"""$\sigma = \partial_A f$, $P = -\partial_V f$, $m = \partial_M f$ solve the closures, and
+    area and volume theirs."""
+    mesh, x = jw.mesh.icosphere(0, degree=1)
+    A, V, M = jw.surface.area(mesh, x), jw.surface.volume(mesh, x), 2 * jw.surface.area(mesh, x)
+    fields = {"H": jnp.full(mesh.n_nodes, 2.0), "nu": x}
+    energy = SurfaceTension(0.4) + 2.0 * Pressure(0.3) + AreaDifference(2.0, 0.1, 0.05)
+    excess = 0.05 * M - 0.1
+    share = 2.0 * np.pi / (A * 0.05**2)
+    slopes = 0.4 - 0.5 * share / A * excess**2, 0.6, share * 0.05 * excess
+
+    def closures(law, multipliers=slopes):
+        flow = System(WillmoreFlow(), law)
+        return flow.closures(whole(flow, mesh, x, fields, multipliers=multipliers))
+
+    np.testing.assert_allclose(closures(Loads(energy)), 0.0, atol=1e-12)
+    held = closures(Loads(energy, area=1.25 * A, volume=0.8 * V), (0.0, 0.0, slopes[2]))
+    np.testing.assert_allclose(held, [-0.2, 0.25, 0.0], atol=1e-12)
 
 
 @pytest.mark.slow

@@ -84,6 +84,15 @@ def test_the_force_of_the_interface_is_the_formula_of_the_paper(local):
     np.testing.assert_allclose(local.force(), stress + c.value * mu * H, rtol=1e-12)
 
 
+def test_a_degenerate_mobility_falls_to_its_floor_in_the_phases():
+    """M 4c(1 − c): M between the phases, and never less than M/1000, beyond them too."""
+    law = CahnHilliard(3.0, degenerate=True)
+    c = jnp.array([0.5, 0.25, 0.0, 1.0, -0.1, 1.2])
+    expected = [3.0, 2.25, 3e-3, 3e-3, 3e-3, 3e-3]
+    np.testing.assert_allclose(jax.vmap(law.mobility_at)(c), expected, rtol=1e-14)
+    assert float(CahnHilliard(3.0).mobility_at(c[2])) == 3.0
+
+
 # 2. Modes about a constant on a sphere at rest and on one that grows.
 
 

@@ -8,10 +8,11 @@ import jax.random as jr
 import numpy as np
 import pytest
 
-from jaxwillmore.energies import SurfaceTension
+from jaxwillmore.energies import GinzburgLandau, SurfaceTension
 from jaxwillmore.fem import Jet, point
 from jaxwillmore.flows import (
     AbstractLaw,
+    CahnHilliard,
     Field,
     Forcing,
     GivenMotion,
@@ -19,6 +20,7 @@ from jaxwillmore.flows import (
     Loads,
     MeanCurvatureFlow,
     MinimalDeformation,
+    Mixing,
     NoDrift,
     Statement,
     SurfaceDiffusion,
@@ -160,6 +162,16 @@ def test_sizes_stand_at_the_columns_of_their_fields():
     np.testing.assert_allclose(flow.scales(units), expected, rtol=1e-14)
     # The tension is of the size V R, the pressure V, the curvature multiplier V R².
     np.testing.assert_allclose(flow.global_scales(units), [1 / 4, 1 / 8, 1 / 2], rtol=1e-14)
+
+
+def test_sizes_are_those_of_the_fastest_law():
+    """Of R = 2: R⁴/b = 16 for bending, R²/(Mλ/R) = 8/(Mλ) for the diffusion of c."""
+    energy = GinzburgLandau(0.5, 0.1)
+    for mobility, time in ((100.0, 0.16), (1e-3, 16.0)):
+        flow = System(CahnHilliard(mobility), Mixing(energy), WILLMORE)
+        units = flow.units(jnp.asarray(2.0))
+        np.testing.assert_allclose([units.time, units.potential], [time, 0.25], rtol=1e-14)
+        np.testing.assert_allclose(units.velocity, 2 / time, rtol=1e-14)
 
 
 @pytest.mark.parametrize("others", [(), (LOADS,), (OUTWARD,), (Passenger(),)])

@@ -11,7 +11,7 @@ import pytest
 
 from jaxwillmore.energies import CanhamHelfrich
 from jaxwillmore.evolve import evolve, replay
-from jaxwillmore.fem import Jet, integrate, point
+from jaxwillmore.fem import Jet, inner, integrate, point, trace
 from jaxwillmore.flows import (
     Forcing,
     HelfrichFlow,
@@ -20,11 +20,17 @@ from jaxwillmore.flows import (
     WillmoreFlow,
     as_system,
 )
-from jaxwillmore.flows._system import material_transport
+from jaxwillmore.flows._system import (
+    composed_velocity,
+    conserved_transport,
+    material_transport,
+    mean_curvature_transport,
+    normal_transport,
+)
 from jaxwillmore.mesh import ellipsoid, icosphere
 from jaxwillmore.surface import closest
 
-from .carried_fields import AXES, H0, b, flow_on, on
+from .carried_fields import AXES, EXACT, H0, b, b_k, flow_on, on
 from .systems import equation, scalar_data
 
 NAMES = ("bending_modulus", "spontaneous_curvature", "gaussian_modulus")
@@ -53,6 +59,57 @@ def test_a_field_at_rest_in_space_changes_along_rotating_nodes():
     meshes = {len(x): mesh for mesh, x in (icosphere(level, 2) for level in (1, 2))}
     coarse, fine = (abs(float(residual(icosphere(level, 2)[1]))) for level in (1, 2))
     assert fine < 1e-4 and np.log2(coarse / fine) > 2.5, (coarse, fine)
+
+
+def test_the_geometry_of_a_surface_at_rest_changes_along_slipping_nodes():
+    r"""$\dot H = w\cdot\nabla H$, $\dot\nu = Aw$, and $(c,\chi)$ at the rate $-(cw,\nabla\chi)$.
+
+    With exact curvatures of an ellipsoid and any tangential $w$; the normal part of $v = V\nu + w$
+    adds nothing, since $\nabla H\cdot\nu = 0$ and $A\nu = 0$.
+    """
+
+    @jax.jit
+    def residuals(x):
+        nu, V = on(x, EXACT.normal), on(x, b)
+        w = jax.vmap(EXACT.tangential)(x, jnp.sin(x[:, jnp.array([1, 2, 0])] + 0.3))
+        rates = jax.jvp(lambda x: (on(x, EXACT.H), on(x, EXACT.normal), on(x, b_k)), (x,), (w,))[1]
+        fields = {"V": V, "nu": nu, "w": w, "H": on(x, EXACT.H), "c": on(x, b_k)}
+        fields |= dict(zip(("H_rate", "nu_rate", "c_rate"), rates, strict=True))
+        fields |= {"chi": on(x, H0), "vector": jnp.cos(x) + x[:, jnp.array([2, 0, 1])]}
+
+        def density(_, f):
+            v = composed_velocity(f.V, f.nu, f.w)
+            changes = (
+                f.H_rate.value * f.chi.value,
+                inner(f.nu_rate.value, f.vector.value),
+                (f.c_rate.value + f.c.value * trace(f.w.grad)) * f.chi.value,
+            )
+            transports = (
+                mean_curvature_transport(v, f.H, f.chi),
+                normal_transport(v, f.nu, f.vector),
+                conserved_transport(f.w, f.c, f.chi),
+            )
+            defects = [a + b for a, b in zip(changes, transports, strict=True)]
+            return jnp.stack([*defects, *map(jnp.abs, changes)])
+
+        both = integrate(meshes[len(x)], x, density, fields).reshape(2, -1)
+        return jnp.abs(both[0]) / both[1]
+
+    meshes = {len(x): mesh for mesh, x in (ellipsoid(AXES, level, 2) for level in (1, 2))}
+    coarse, fine = (np.asarray(residuals(ellipsoid(AXES, level, 2)[1])) for level in (1, 2))
+    assert np.all(fine < 1e-3) and np.all(np.log2(coarse / fine) > 2.5), (coarse, fine)
+
+
+def test_the_gradient_of_a_composed_velocity_is_the_derivative_of_the_velocity():
+    """Of v = Vν + w on a plane, as a function of the place, by differentiation."""
+    V = lambda p: jnp.sin(p[0]) + p[1] ** 2
+    nu = lambda p: jnp.stack([jnp.cos(p[0]), p[0] * p[1], jnp.exp(p[1])])
+    w = lambda p: jnp.stack([p[1], -p[0], jnp.sin(p[0] * p[1])])
+    here = jnp.array([0.4, -0.7, 0.0])
+    jets = [Jet(f(here), jax.jacfwd(f)(here)) for f in (V, nu, w)]
+    found, v = composed_velocity(*jets), lambda p: V(p) * nu(p) + w(p)
+    np.testing.assert_allclose(found.value, v(here), rtol=1e-14)
+    np.testing.assert_allclose(found.grad, jax.jacfwd(v)(here), rtol=1e-14)
 
 
 def test_the_equations_find_the_fields_of_the_moment():
