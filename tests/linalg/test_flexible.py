@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from jaxwillmore.linalg._direct import ColumnStructure
+from jaxwillmore.linalg._direct import ColumnStructure, SuperLU
 from jaxwillmore.linalg._factorised import (
     NOT_CONVERGED,
     SINGULAR,
@@ -113,10 +113,10 @@ def laplacian(shift: float, coupling=0.0) -> np.ndarray:
     return blocks
 
 
-def solve(data, rhs, rtol=1e-15, direct=True, transpose=False):
+def solve(data, rhs, rtol=1e-15, direct=True, transpose=False, factorise=SuperLU):
     empty = np.zeros((0, PATTERN.n_nodes, 2))
     matrix = Factorised(
-        Backend(GROUPS, direct),
+        Backend(GROUPS, direct, factorise),
         PATTERN,
         lambda n_fields: ColumnStructure(PATTERN, n_fields),
         data,
@@ -138,6 +138,26 @@ def test_a_residual_at_rounding_is_solved_whatever_was_asked(shift, transpose):
     exact = np.linalg.solve(full, rhs)
     accuracy = 1e-14 * np.linalg.cond(full)
     np.testing.assert_allclose(x, exact, atol=accuracy * np.max(abs(exact)))
+
+
+@pytest.mark.parametrize("lost", [1e-4, 1e-9])
+def test_a_residual_above_rounding_is_not_solved_however_small(lost):
+    """A solver that cannot reach one unknown leaves its right-hand side: not within 64 units of
+    rounding, though the sizes of all terms hide it."""
+
+    class Blind:
+        def __init__(self, structure, data):
+            self._lu, self.nbytes = SuperLU(structure, data), 0
+
+        def solve(self, rhs, transpose):
+            return self._lu.solve(rhs, transpose).reshape(rhs.shape) * seen
+
+    blocks = np.zeros((len(PATTERN.rows), 2, 2))
+    blocks[PATTERN.rows == PATTERN.cols] = np.diag([2.0, 1.0])
+    seen, rhs = np.ones((PATTERN.n_nodes, 2)), np.ones((PATTERN.n_nodes, 2))
+    seen[3, 1], rhs[3, 1] = 0.0, lost
+    assert solve(blocks, rhs.reshape(-1), 1e-12, factorise=Blind)[1] == NOT_CONVERGED
+    assert solve(blocks, rhs.reshape(-1), 1e-12)[1] == SUCCESS
 
 
 @pytest.mark.parametrize("direct", [True, False])
