@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 from jaxwillmore import equilibria, mesh as meshes
+from jaxwillmore.equilibria._equilibrium import Relaxation, _ramped, settle
 from jaxwillmore.fem import integrate
 
 # E/(8πκ) of an axisymmetric spectral solver.
@@ -182,6 +183,32 @@ def test_volume_is_ramped_from_a_nearly_round_start(prolate):
     # Another mesh of as many nodes: equal up to discretisation error.
     expected = float(prolate.bending_over_8pi_kappa)
     assert float(shape.bending_over_8pi_kappa) == pytest.approx(expected, abs=2e-3)
+
+
+def test_a_search_for_a_minimum_refuses_to_climb(prolate):
+    """The last solve from an energy that is 1 % lower than that of its shape finds nothing."""
+    flags = jnp.asarray(True), jnp.asarray(True)
+    relaxation = Relaxation(prolate.mesh, flags, 1e-10, "direct")
+    target = prolate.units.parameters(prolate.parameters)
+    system = relaxation.system(relaxation.reference(prolate.units.inward(prolate.x)), target)
+    y, g = prolate.nodal_unknowns
+    energy = float(prolate.energy / prolate.units.kappa)
+    assert settle(relaxation, system, y, g, 0.99 * energy) is None
+    assert settle(relaxation, system, y, g, 0.9999 * energy) is not None
+
+
+def test_a_ramp_changes_volume_and_mean_concentration_by_no_more_than_its_rate(prolate):
+    relaxation = Relaxation(prolate.mesh, (True, True), 1e-10, "direct")
+    p = prolate.units.parameters(prolate.parameters)
+    p = eqx.tree_at(lambda p: p.amount, p, 0.4 * p.area, is_leaf=lambda a: a is None)
+    V = p.volume
+    aim, ramping, arrived = _ramped(relaxation, (1.2 * V, 0.1 * p.area), p, 0.03)
+    np.testing.assert_allclose(aim.volume, 1.2 * 0.97 * V, rtol=1e-14)
+    np.testing.assert_allclose(aim.amount, 0.13 * p.area, rtol=1e-14)
+    assert ramping and not arrived
+    aim, ramping, arrived = _ramped(relaxation, (1.01 * V, 0.4 * p.area), p, 0.03)
+    assert float(aim.volume) == float(V) and ramping and arrived
+    assert _ramped(relaxation, (V, p.amount), p, 0.03)[1:] == (False, True)
 
 
 def test_too_few_steps_end_with_a_name():

@@ -10,7 +10,7 @@ import pytest
 
 from jaxwillmore import equilibria
 from jaxwillmore.equilibria import _branch
-from jaxwillmore.equilibria._events import _asymmetry
+from jaxwillmore.equilibria._events import _asymmetry, _soft
 from jaxwillmore.equilibria._follow import Follower
 from jaxwillmore.equilibria._stability import SecondVariation
 from jaxwillmore.equilibria._symmetry import lost
@@ -144,6 +144,13 @@ def test_the_disc_at_three_quarters_is_found_where_it_is_marginal():
     shape = oblate(0.75, level=2)
     assert float(shape.bending_over_8pi_kappa) == pytest.approx(1.574480117, rel=1e-4)
     assert shape.stats["lost"] == ()
+
+
+def test_the_soft_modes_are_those_nearest_to_zero():
+    """One of several negative ones, or a pair that is split by the mesh."""
+    assert _soft(np.array([-9.0, -1e-4, 3.0])) == [1]
+    assert _soft(np.array([-9.0, -2e-4, 1e-4, 3.0])) == [1, 2]
+    assert _soft(np.array([2.0, 25.0, 31.0])) == [0]
 
 
 def test_a_lost_symmetry_has_a_name():

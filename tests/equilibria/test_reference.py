@@ -78,3 +78,20 @@ def test_health_sees_a_mid_node_that_slid_along_its_edge():
     health = equilibria.mesh_health(mesh, slid)
     assert health.mid_node_offset == pytest.approx(0.3, abs=0.02)
     assert not health.is_sound
+
+
+def test_health_sees_a_cell_that_folds():
+    """A mid-edge node that moves by y of the way to the third corner makes the area element
+    1 − 2y there; angles see nothing of it."""
+    mesh, x = meshes.icosphere(1, degree=2)
+    mid, far = int(mesh.cells[0, 3]), int(mesh.cells[0, 2])
+    before, after = (
+        equilibria.mesh_health(mesh, x.at[mid].add(y * (x[far] - x[mid]))) for y in (0.0, 0.8)
+    )
+    assert before.min_jacobian > 0.5 and after.min_jacobian < -0.1
+    assert before.min_angle == after.min_angle
+
+
+@pytest.mark.parametrize("value, sound", [(0.06, True), (0.04, False), (-0.04, False)])
+def test_a_cell_is_sound_above_a_twentieth_of_its_mean_area(value, sound):
+    assert equilibria.MeshHealth(30.0, 0.0, value).is_sound == sound

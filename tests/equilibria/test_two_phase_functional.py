@@ -9,6 +9,7 @@ import pytest
 
 from jaxwillmore import mesh as meshes, surface
 from jaxwillmore.energies import AreaDifference, FloryHuggins, Mixture, TwoPhase
+from jaxwillmore.equilibria._density import mixing
 from jaxwillmore.equilibria._functional import N_GLOBALS, EquilibriumSystem
 from jaxwillmore.equilibria._parameters import Parameters, Units, phases_of
 from jaxwillmore.equilibria._reference import prepare, reference
@@ -123,6 +124,30 @@ def test_the_gaussian_part_is_that_of_the_energy():
     v = problem.pack(jnp.zeros(len(r.n)), fields, jnp.zeros(problem.n_globals))
     expected = jnp.vdot(energy.bending.gaussian_modulus(r.c), load) / kappa
     np.testing.assert_allclose(problem.energies(v).gaussian, expected, rtol=1e-12)
+
+
+def test_a_step_is_as_long_as_its_displacement_or_a_quarter_of_the_change():
+    problem = system(TwoPhase(*MODULI, line_tension=2.0, interface_width=0.5))
+    r = problem.reference
+
+    def step(s, change):
+        fields = jnp.concatenate([2 * r.n, (r.c + change * r.X[:, 0])[:, None]], axis=1)
+        found = problem.assessed(problem.pack(s * r.X[:, 0], fields, jnp.zeros(11)))
+        return np.array([found.step, found.displacement]) / 0.8
+
+    np.testing.assert_allclose(step(0.1, 0.2), [0.1, 0.1], rtol=1e-12)
+    np.testing.assert_allclose(step(0.1, -0.8), [0.2, 0.1], rtol=1e-12)
+
+
+def test_numbers_without_dimension_do_not_depend_on_the_units():
+    """∫Ψ + ½γ|∇c|² of the scaled surface, times κ, is that of the surface itself."""
+    energy = TwoPhase(*MODULI, line_tension=2.0, interface_width=0.5)
+    problem = system(energy)
+    r, phases = problem.reference, phases_of(problem.parameters)
+    assert r.c is not None
+    found = mixing(r.mesh, r.rule, r.X, r.c, problem.parameters) * phases.kappa
+    expected = energy.mixing(r.mesh, r.X * phases.length, {"c": r.c})
+    np.testing.assert_allclose(found, expected, rtol=2e-3)  # another rule of quadrature
 
 
 def test_any_well_will_do():
