@@ -1,6 +1,6 @@
 """Constrained stationary shapes of the bending energy, their derivatives, and families of them."""
 
-from ._branch import Branch as Branch, branch as branch
+from ._branch import branch as branch
 from ._diagnostics import (
     MAX_OFFSET as MAX_OFFSET,
     MIN_ANGLE as MIN_ANGLE,
@@ -10,8 +10,10 @@ from ._diagnostics import (
 )
 from ._equilibrium import equilibrium as equilibrium
 from ._events import BranchEvent as BranchEvent
+from ._family import Branch as Branch
 from ._memory import memory_estimate as memory_estimate
 from ._parameters import Parameters as Parameters
+from ._parts import branch_of as branch_of, parts_of as parts_of
 from ._reference import smoothed as smoothed
 from ._refined import refined as refined
 from ._results import (

@@ -77,6 +77,13 @@ def name_of(result) -> str:
     raise ValueError(f"`result` must be an end of an equilibrium or a branch; got {result!r}.")
 
 
+def result_named(enumeration, name: str):
+    """The end of that name; `ValueError` where there is none."""
+    if name not in _NAMES[enumeration]:
+        raise ValueError(f"nothing ends for {name!r:.80}")
+    return getattr(enumeration, name)
+
+
 def message(result) -> str:
     """The sentence that belongs to an end."""
     enumeration = next(e for e in _NAMES if isinstance(result, e))

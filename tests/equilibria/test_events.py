@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from jaxwillmore import equilibria
-from jaxwillmore.equilibria import _branch
+from jaxwillmore.equilibria import _walk
 from jaxwillmore.equilibria._events import _asymmetry, _soft
 from jaxwillmore.equilibria._follow import Follower
 from jaxwillmore.equilibria._stability import SecondVariation
@@ -83,7 +83,7 @@ def test_a_point_that_cannot_be_found_is_told(crossed, monkeypatch):
     def lost(*arguments):
         raise ArithmeticError
 
-    monkeypatch.setattr(_branch, "events_of", lost)
+    monkeypatch.setattr(_walk, "events_of", lost)
     with pytest.warns(RuntimeWarning, match="no solution was found in between"):
         found = equilibria.branch(crossed.points[0], stop=0.7, max_points=1)
     assert found.events == () and len(found.points) == 2
