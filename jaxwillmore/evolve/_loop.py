@@ -19,6 +19,7 @@ from ._record import diagnostics
 from ._save import Saver
 from ._solution import ENDS, RESULTS, Solution, State
 from ._stepper import Attempt, History, Stepper, weights
+from ._whole import check_fits
 
 # Accepted rises of the energy may add up to this multiple of the tolerance for one step. A relaxed
 # equilibrium is not the minimiser of a discrete energy and may settle slightly above the least one.
@@ -98,6 +99,7 @@ class Loop:
     def resume(self, solution: Solution, t1: float, interrupted) -> Solution:
         """From where another loop ended, or was when it handed out its solution."""
         c = solution.continuation
+        check_fits(c, self.stepper.problem.flow, self.depth)
         self.history, self.state = c.history, solution.state
         self.dt, self.rejections = c.dt, c.rejections
         self.energy, self.size, self.floor, self.least = c.energy, c.size, c.floor, c.least
@@ -137,7 +139,9 @@ class Loop:
             return None
         self.history = _push(self.history, jnp.asarray(t), attempt)
         self.times.append(t)
-        rise = (record["energy"] - self.energy) / self._reference()
+        reference = self._reference()
+        # An energy without terms, of a surface in one pure phase for instance, has no size.
+        rise = (record["energy"] - self.energy) / reference if reference else 0.0
         self.energy, self.size = record["energy"], record["energy_scale"]
         self.least = min(self.least, self.energy)
         self.state = State(t, attempt.x, self.stepper.fields(attempt.U))

@@ -11,6 +11,7 @@ from ._continuation import Continuation, Kept, Origin
 from ._solution import Solution, State, name_of, result_named
 from ._step import StepData
 from ._stepper import History
+from ._whole import check_whole
 
 _NUMBERS = ("dt", "energy", "size", "floor", "least")
 
@@ -53,7 +54,8 @@ def parts_of(solution: Solution) -> tuple[dict[str, Any], dict[str, np.ndarray]]
 def solution_of(words: dict[str, Any], arrays: dict[str, np.ndarray]) -> Solution:
     """The solution that `parts_of` was given.
 
-    **Raises:** `KeyError`, `TypeError` or `ValueError` where these are not its parts.
+    **Raises:** `KeyError`, `TypeError` or `ValueError` where these are not its parts, or do not
+    fit together.
     """
     mesh = SurfaceMesh(arrays["cells"], degree=words["degree"], n_nodes=words["n_nodes"])
     states = [
@@ -79,7 +81,7 @@ def solution_of(words: dict[str, Any], arrays: dict[str, np.ndarray]) -> Solutio
         rejections=words["rejections"],
         kept=kept,
     )
-    return Solution(
+    solution = Solution(
         mesh,
         tuple(states[1:]),
         states[0],
@@ -89,6 +91,8 @@ def solution_of(words: dict[str, Any], arrays: dict[str, np.ndarray]) -> Solutio
         words["stats"],
         continuation,
     )
+    check_whole(solution)
+    return solution
 
 
 def _fields(prefix: str, module) -> dict[str, Any]:
