@@ -1,11 +1,15 @@
 """Surfaces in, results out: mesh files, frames for ParaView, history, checkpoints."""
 
 from ._atomic import atomic_write as atomic_write
+from ._branch import read_branch as read_branch, write_branch as write_branch
 from ._checkpoint import (
+    BranchCheckpoint as BranchCheckpoint,
     Checkpoint as Checkpoint,
     CheckpointWarning as CheckpointWarning,
     previous_generation as previous_generation,
+    read_branch_checkpoint as read_branch_checkpoint,
     read_checkpoint as read_checkpoint,
+    write_branch_checkpoint as write_branch_checkpoint,
     write_checkpoint as write_checkpoint,
 )
 from ._folder import RunFolder as RunFolder, RunFolderError as RunFolderError
@@ -20,8 +24,8 @@ from ._read import (
     examine_surface as examine_surface,
     read_surface as read_surface,
 )
+from ._sealed import SolutionError as SolutionError
 from ._solution import (
-    SolutionError as SolutionError,
     read_solution as read_solution,
     write_solution as write_solution,
 )

@@ -1,14 +1,18 @@
-"""What a run goes on from, in two generations."""
+"""What a run or a branch goes on from, in two generations."""
 
 import os
 import pathlib
 import warnings
-from typing import Any, NamedTuple
+from collections.abc import Callable
+from typing import IO, Any, NamedTuple
 
+from ..equilibria import Branch
 from ..evolve import Solution
 from ._atomic import TEMPORARY, atomic_write
+from ._branch import save_branch, stored_branch
 from ._computer import differences
-from ._solution import SolutionError, save_solution, stored_solution
+from ._sealed import MAX_BYTES, SolutionError
+from ._solution import save_solution, stored_solution
 
 
 class CheckpointWarning(UserWarning):
@@ -23,11 +27,22 @@ class Checkpoint(NamedTuple):
     - `solution`: for `evolve(..., resume=solution)`.
     - `metadata`: what was written beside it.
     - `notes`: why the run that goes on may differ in the last digits; empty where it does not.
+    - `path`: the file that it was read from.
     """
 
     solution: Solution
     metadata: dict[str, Any]
     notes: tuple[str, ...]
+    path: pathlib.Path
+
+
+class BranchCheckpoint(NamedTuple):
+    """What `read_branch_checkpoint` returns: as `Checkpoint`, for `branch(..., resume=branch)`."""
+
+    branch: Branch
+    metadata: dict[str, Any]
+    notes: tuple[str, ...]
+    path: pathlib.Path
 
 
 def previous_generation(path: str | os.PathLike[str]) -> pathlib.Path:
@@ -47,9 +62,20 @@ def write_checkpoint(
 
     - `metadata`: anything JSON can say.
     """
+    _write(path, lambda file: save_solution(file, solution, metadata or {}))
+
+
+def write_branch_checkpoint(
+    path: str | os.PathLike[str], branch: Branch, metadata: dict[str, Any] | None = None
+) -> None:
+    """Write a branch as `write_branch` does, in two generations as `write_checkpoint`."""
+    _write(path, lambda file: save_branch(file, branch, metadata or {}))
+
+
+def _write(path: str | os.PathLike[str], save: Callable[[IO[bytes]], None]) -> None:
     path = pathlib.Path(path)
     with atomic_write(path) as file:
-        save_solution(file, solution, metadata or {})
+        save(file)
         # The new one is on the disk before the oldest leaves it.
         file.flush()
         os.fsync(file.fileno())
@@ -70,30 +96,78 @@ def _rotate(path: pathlib.Path) -> None:
         os.replace(second, previous_generation(path))
 
 
-def read_checkpoint(path: str | os.PathLike[str]) -> Checkpoint:
-    """The newest checkpoint that is whole, which is the previous one where the newest is damaged.
+def read_checkpoint(
+    path: str | os.PathLike[str], usable: Callable[[Checkpoint], None] | None = None
+) -> Checkpoint:
+    """The newest checkpoint that can be used, which may be the previous one.
 
-    **Raises:** `SolutionError` where both are damaged; `FileNotFoundError` where there is none.
-    Warns with `CheckpointWarning` where the newest cannot be used.
+    **Arguments:**
+
+    - `usable`: raises `ValueError` for a checkpoint that does not fit what is beside it.
+
+    **Raises:** `SolutionError` where neither can be used, saying why; `FileNotFoundError` where
+    there is none. Warns with `CheckpointWarning` where it is the previous one.
     """
-    path = pathlib.Path(path)
+
+    def read(path: pathlib.Path) -> Checkpoint:
+        stored = stored_solution(path, MAX_BYTES)
+        notes = _notes("run", stored.computer)
+        found = Checkpoint(stored.solution, stored.metadata, notes, path)
+        _check(path, found, usable)
+        return found
+
+    return _newest(pathlib.Path(path), "run", read)
+
+
+def read_branch_checkpoint(
+    path: str | os.PathLike[str], usable: Callable[[BranchCheckpoint], None] | None = None
+) -> BranchCheckpoint:
+    """As `read_checkpoint`, of a branch."""
+
+    def read(path: pathlib.Path) -> BranchCheckpoint:
+        stored = stored_branch(path, MAX_BYTES)
+        notes = _notes("branch", stored.computer)
+        found = BranchCheckpoint(stored.branch, stored.metadata, notes, path)
+        _check(path, found, usable)
+        return found
+
+    return _newest(pathlib.Path(path), "branch", read)
+
+
+def _newest(path: pathlib.Path, what: str, read: Callable[[pathlib.Path], Any]) -> Any:
     try:
-        stored = stored_solution(path)
+        return read(path)
     except (SolutionError, FileNotFoundError) as error:
         previous = previous_generation(path)
         if not previous.exists():
             raise
-        warnings.warn(
-            f"{str(error).removesuffix('.')}; the run goes on from `{previous.name}`.",
-            CheckpointWarning,
-            stacklevel=2,
-        )
-        stored = stored_solution(previous)
-    changed = differences(stored.computer)
-    notes = ()
-    if changed:
-        notes = (
-            f"the run was begun elsewhere ({', '.join(changed)}): it goes on equal to tolerance, "
-            "not to the last bit",
-        )
-    return Checkpoint(stored.solution, stored.metadata, notes)
+        why = str(error)
+        try:
+            found = read(previous)
+        except SolutionError as other:
+            raise SolutionError(f"{why} The checkpoint before it: {other}") from other
+    warnings.warn(
+        f"{why.removesuffix('.')}; the {what} goes on from `{previous.name}`.",
+        CheckpointWarning,
+        stacklevel=3,
+    )
+    return found
+
+
+def _check(path: pathlib.Path, found: Any, usable: Callable[[Any], None] | None) -> None:
+    if usable is None:
+        return
+    try:
+        usable(found)
+    except ValueError as error:
+        raise SolutionError(f"`{path}` cannot be used: {error}") from error
+
+
+def _notes(what: str, before: dict[str, Any]) -> tuple[str, ...]:
+    changed = differences(before)
+    if not changed:
+        return ()
+    return (
+        f"the {what} was begun elsewhere ({', '.join(changed)}): it goes on equal to tolerance, "
+        "not to the last bit",
+    )

@@ -3,13 +3,23 @@
 import os
 import pathlib
 import re
+from collections.abc import Callable, Iterable, Sequence
 from typing import Any, Literal
 
+from ..equilibria import Branch
 from ..evolve import Solution
 from ..mesh import SurfaceMesh
 from ._atomic import atomic_write, remove_temporaries
-from ._checkpoint import Checkpoint, previous_generation, read_checkpoint, write_checkpoint
-from ._history import History
+from ._checkpoint import (
+    BranchCheckpoint,
+    Checkpoint,
+    previous_generation,
+    read_branch_checkpoint,
+    read_checkpoint,
+    write_branch_checkpoint,
+    write_checkpoint,
+)
+from ._history import History, read_history
 from ._links import refuse_link
 from ._lock import FolderLock
 from ._manifest import Manifest
@@ -17,6 +27,7 @@ from ._npz import write_npz
 from ._plain import HostNodes, json_text
 from ._ply import write_ply
 from ._pvd import PvdSeries
+from ._table import write_table
 from ._vtu import write_vtu
 
 _NAME = re.compile(r"[A-Za-z0-9_][A-Za-z0-9._-]{0,63}")
@@ -29,6 +40,7 @@ CHECKPOINT = "checkpoint.npz"
 _ALIKE += ("case.toml", "history.png", CHECKPOINT, previous_generation(CHECKPOINT).name)
 # The summary first: without it a folder is no finished run.
 _AT_THE_END = ("summary.json", "final.npz", "final.ply", "final.png", "history.png")
+_AT_THE_END += ("final.vtu", "branch.png")
 
 
 class RunFolderError(OSError):
@@ -165,12 +177,34 @@ class RunFolder:
     def write_checkpoint(self, solution: Solution, metadata: dict[str, Any]) -> None:
         """Write `checkpoint.npz`, after the history before it; see `io.write_checkpoint`."""
         self.history.sync()
-        self._own(previous_generation(CHECKPOINT).name)
-        write_checkpoint(self._own(CHECKPOINT), solution, metadata)
+        write_checkpoint(self._own_checkpoint(), solution, metadata)
 
-    def read_checkpoint(self) -> Checkpoint:
+    def write_branch_checkpoint(self, branch: Branch, metadata: dict[str, Any]) -> None:
+        """Write `checkpoint.npz` of a branch; see `io.write_branch_checkpoint`."""
+        write_branch_checkpoint(self._own_checkpoint(), branch, metadata)
+
+    def _own_checkpoint(self) -> pathlib.Path:
+        self._own(previous_generation(CHECKPOINT).name)
+        return self._own(CHECKPOINT)
+
+    def read_checkpoint(self, usable: Callable[[Checkpoint], None] | None = None) -> Checkpoint:
         """What `write_checkpoint` wrote; raises and warns as `io.read_checkpoint`."""
-        return read_checkpoint(self.path / CHECKPOINT)
+        return read_checkpoint(self.path / CHECKPOINT, usable)
+
+    def read_branch_checkpoint(
+        self, usable: Callable[[BranchCheckpoint], None] | None = None
+    ) -> BranchCheckpoint:
+        """What `write_branch_checkpoint` wrote; raises and warns as `io.read_checkpoint`."""
+        return read_branch_checkpoint(self.path / CHECKPOINT, usable)
+
+    def go_on_from(self, path: pathlib.Path) -> None:
+        """Delete the newest checkpoint where another one is gone on from: it cannot be used.
+
+        The next one would make it the previous one, and for a moment there would be none.
+        """
+        newest = self.path / CHECKPOINT
+        if path != newest:
+            newest.unlink(missing_ok=True)
 
     def drop_previous_checkpoint(self) -> None:
         """Delete the older checkpoint, which a run that has ended needs no more."""
@@ -216,7 +250,7 @@ class RunFolder:
     ) -> pathlib.Path:
         """Write `shapes/shape_NUMBER.npz`, a point of a branch."""
         self._subfolder("shapes")
-        path = self._own(f"shapes/shape_{number:06d}.npz")
+        path = self._own(_shape_name(number))
         write_npz(path, mesh, x, fields)
         return path
 
@@ -239,21 +273,49 @@ class RunFolder:
         """Write `summary.json`; NaN and infinities become `null`."""
         self.write_text("summary.json", json_text(summary))
 
+    def check_kept(self, frames: int, rows: int) -> None:
+        """Whether so many frames and rows of history are there.
+
+        **Raises:** `ValueError` saying which are not.
+        """
+        path = self.path / "history.csv"
+        found = len(read_history(path)) if path.exists() else 0
+        if found < rows:
+            raise ValueError(f"`{path}` holds {found} rows; {rows} were written.")
+        names = [name for _, name in PvdSeries(self.path / "run.pvd").entries()] if frames else []
+        if len(names) < frames:
+            path = self.path / "run.pvd"
+            raise ValueError(f"`{path}` lists {len(names)} frames; {frames} were written.")
+        lost = [name for name in names[:frames] if not (self.path / name).is_file()]
+        if lost:
+            raise ValueError(f"`{self.path / lost[0]}` is gone, and the series needs it.")
+
     def keep(self, frames: int, rows: int) -> None:
         """Forget what came after so many frames and rows of history, and what a run leaves at its
         end, before the run goes on from there.
 
         **Raises:** `RunFolderError` where the folder holds less than that.
         """
-        for name in _AT_THE_END:
-            if self._manifest.lists(name):
-                (self.path / name).unlink(missing_ok=True)
+        self._forget(_AT_THE_END)
         try:
             self.history.keep(rows)
             later = self.series.keep(frames) if frames or self._manifest.lists("run.pvd") else []
         except ValueError as error:
             raise RunFolderError(f"`{self.path}` cannot go on: {error}") from error
-        for name in later:
+        self._forget(later)
+
+    def keep_branch(self, rows: Sequence[dict[str, Any]]) -> list[int]:
+        """Let the table of a branch have these rows, and forget later shapes and what a branch
+        leaves at its end; the numbers of shapes that are missing."""
+        self._forget(_AT_THE_END)
+        write_table(self._own("branch.csv"), rows)
+        known = [_shape_name(number) for number in range(len(rows))]
+        found = {f"shapes/{path.name}" for path in (self.path / "shapes").glob("shape_*.npz")}
+        self._forget(found.difference(known))
+        return [number for number, name in enumerate(known) if name not in found]
+
+    def _forget(self, names: Iterable[str]) -> None:
+        for name in names:
             if self._manifest.lists(name):
                 (self.path / name).unlink(missing_ok=True)
 
@@ -266,6 +328,10 @@ class RunFolder:
 
     def __exit__(self, *error: Any) -> None:
         self.close()
+
+
+def _shape_name(number: int) -> str:
+    return f"shapes/shape_{number:06d}.npz"
 
 
 def _checked_name(name: str) -> str:

@@ -1,5 +1,6 @@
 """Runs in files: every bit comes back, or an error says why not."""
 
+import dataclasses
 import json
 import warnings
 
@@ -105,7 +106,7 @@ def test_foreign_newer_and_missing_files(runs, tmp_path, monkeypatch):
     np.savez(path, header=np.array([{"a": print}], dtype=object))
     with pytest.raises(SolutionError, match="Python objects"):
         read_solution(path)
-    monkeypatch.setattr(_solution, "VERSION", 2)
+    monkeypatch.setattr(_solution, "RUN", dataclasses.replace(_solution.RUN, version=2))
     write_solution(path, runs[0])
     monkeypatch.undo()
     with pytest.raises(SolutionError, match="format 2.*reads format 1"):
@@ -139,7 +140,7 @@ def test_two_generations_are_kept_and_a_damaged_one_is_passed_over(runs, tmp_pat
     with pytest.warns(CheckpointWarning, match="no file"):
         assert_same(read_checkpoint(path).solution, runs[last - 1])
     previous_generation(path).write_bytes(b"")
-    with pytest.warns(CheckpointWarning), pytest.raises(SolutionError):
+    with pytest.raises(SolutionError, match="no whole run|no file.*The checkpoint before it: .*no"):
         read_checkpoint(path)
     assert [p.name for p in tmp_path.iterdir()] == ["c_previous.npz"]
 
@@ -178,3 +179,53 @@ def test_the_header_is_plain_json(runs, tmp_path):
     with np.load(tmp_path / "run.npz") as archive:
         header = json.loads(archive["header"].tobytes())
     assert header["format"] == "jaxwillmore run" and header["computer"]["processors"] >= 1
+
+
+@pytest.mark.parametrize(
+    "change, message",
+    [
+        (lambda w, a: a.update({"states.0.x": a["states.0.x"][:-1]}), r"x of the state.*\(41, 3\)"),
+        (lambda w, a: a.update({"states.1.fields.H": a["x0"][1:, 0]}), "H of the saved state 0"),
+        (lambda w, a: a.update(x0=a["x0"].T), "x0"),
+        (lambda w, a: a.update({"history.U": a["history.U"][:, 1:]}), "U"),
+        (lambda w, a: a.update({"kept.y": a["kept.y"][1:]}), "unknowns of the Jacobian"),
+        (lambda w, a: a.update({"kept.hat": a["kept.hat"][1:]}), "hat"),
+        (lambda w, a: a.update(times=a["times"][:-1]), "counts 2 steps.*2 of them and 2 times"),
+        (
+            lambda w, a: a.update({k: a[k][:1] for k in a if k.startswith("records")}),
+            "counts 2 steps, and its history has 1 of them",
+        ),
+        (lambda w, a: w["states"][0].update(t=9.0), "at t = 9.0, its history at 2e-05"),
+        (lambda w, a: a["numbers"].__setitem__(0, -1.0), "next step is -1.0"),
+        (lambda w, a: a.update({"states.0.x": a["states.0.x"].astype("f4")}), "of float32"),
+    ],
+)
+def test_a_run_whose_parts_do_not_fit_is_refused(runs, tmp_path, monkeypatch, change, message):
+    """The checksum is right: some other program wrote it so.
+
+    Where tests check shapes of arguments, these are the first to complain.
+    """
+
+    def broken(solution):
+        words, arrays = parts_of(solution)
+        arrays = {name: array.copy() for name, array in arrays.items()}
+        change(words, arrays)
+        return words, arrays
+
+    path = tmp_path / "run.npz"
+    write_checkpoint(path, runs[0], {"step": 0})
+    monkeypatch.setattr(_solution, "parts_of", broken)
+    write_checkpoint(path, runs[-1])
+    with pytest.raises(SolutionError, match=message) as caught:
+        read_solution(path)
+    assert str(path) in str(caught.value) and "parts of a run" in str(caught.value)
+    with pytest.warns(CheckpointWarning, match="goes on from `run_previous.npz`"):
+        assert read_checkpoint(path).metadata == {"step": 0}
+
+
+def test_a_history_of_other_fields_is_refused_by_the_flow(runs):
+    c = runs[-1].continuation
+    narrow = dataclasses.replace(c.history, U=c.history.U[:, :, 1:])
+    bad = dataclasses.replace(runs[-1], continuation=dataclasses.replace(c, history=narrow))
+    with pytest.raises(ValueError, match="history with .* = .*; this flow has"):
+        evolve(WillmoreFlow(), MESH, X, t1=2e-5, dt0=1e-5, saveat=1e-5, resume=bad)
