@@ -1,10 +1,11 @@
 """Levenberg–Marquardt, one step at a time: every iterate can be seen, kept and resumed from."""
 
 from collections.abc import Callable
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import equinox as eqx
 import jax
+import jax.numpy as jnp
 import numpy as np
 import optimistix as optx
 from jaxtyping import Array, Bool, Float
@@ -32,10 +33,23 @@ class Aux(eqx.Module):
 
     - `solved`: whether the model has a solution there.
     - `strain`: how far the model is from its frozen reference.
+    - `numbers`: of the model, to be differentiated along with the residuals.
+    - `model`: arrays of the model, to be had without solving it again.
     """
 
     solved: Bool[Array, ""]
     strain: Float[Array, ""]
+    numbers: Float[Array, " numbers"] = eqx.field(default_factory=lambda: jnp.zeros(0))
+    model: Any = ()
+
+
+class Evaluated(NamedTuple):
+    """Residuals, what they say beside, and derivatives of them and of `aux.numbers`."""
+
+    residuals: Float[np.ndarray, " rows"]
+    jacobian: Float[np.ndarray, "rows unknowns"]
+    aux: Aux
+    slopes: Float[np.ndarray, "numbers unknowns"]
 
 
 class Iterate(NamedTuple):
@@ -51,6 +65,7 @@ class Descent(NamedTuple):
 
     `result` is `None` where the strain ended it: the model wants a new reference. `solved` tells
     whether the model has a solution there with finite residuals; without one they say nothing.
+    `aux` and `slopes` are as in `Evaluated`; `None` where no residuals were evaluated at all.
     """
 
     u: Float[Array, " unknowns"]
@@ -60,6 +75,8 @@ class Descent(NamedTuple):
     result: RESULTS | None
     steps: int
     solved: bool
+    aux: Aux | None = None
+    slopes: Float[np.ndarray, "numbers unknowns"] | None = None
 
     @property
     def objective(self) -> float:
@@ -97,21 +114,21 @@ def descend(
     - `observer`: called with every accepted iterate, the first one included; says whether to stop.
     - `interrupted`: asked after every step whether to stop.
     """
-    solver = optx.LevenbergMarquardt(rtol=tolerance, atol=tolerance)
+    solver = _solver(tolerance)
     state = _init(solver, residuals, u)
     result, taken, accepted, starts = RESULTS.step_limit, 0, u, 0
     squares: list[float] = []
     for taken in range(max_steps + 1):
         accepted, state, _ = _step(solver, residuals, accepted, state)
         r = np.asarray(state.f_info.residual)
-        if taken == 0 and not bool(state.aux.solved):
+        if taken == 0 and not bool(state.aux[0].solved):
             result = RESULTS.interrupted if interrupted() else RESULTS.model_failed
             break
         if not np.all(np.isfinite(r)):
             result = RESULTS.not_finite
             break
         waited = int(state.num_steps_since_acceptance)
-        seen = Iterate(accepted, 0.5 * float(r @ r), float(state.aux.strain))
+        seen = Iterate(accepted, 0.5 * float(r @ r), float(state.aux[0].strain))
         if observer is not None and waited == 0 and observer(seen):
             result = RESULTS.stopped
             break
@@ -124,7 +141,7 @@ def descend(
         if interrupted():
             result = RESULTS.interrupted
             break
-        if waited == 0 and float(state.aux.strain) > strain_limit:
+        if waited == 0 and float(state.aux[0].strain) > strain_limit:
             result = None
             break
         short = bool(state.terminate) or waited >= PATIENCE
@@ -136,15 +153,37 @@ def descend(
         elif short or not np.all(np.isfinite(np.asarray(state.y_eval))):
             result = RESULTS.stalled
             break
-    r, J = np.asarray(state.f_info.residual), np.asarray(_dense(state.f_info.jac))
+    end = _evaluated(state)
+    r, J = end.residuals, end.jacobian
     if (
         result is not None
         and bool(result == RESULTS.stalled)
         and explained(r, J) < NEARLY_STATIONARY
     ):
         result = RESULTS.converged
-    solved = bool(state.aux.solved) and bool(np.all(np.isfinite(r)))
-    return Descent(accepted, r, J, float(state.aux.strain), result, taken, solved)
+    solved = bool(end.aux.solved) and bool(np.all(np.isfinite(r)))
+    strain = float(end.aux.strain)
+    return Descent(accepted, r, J, strain, result, taken, solved, end.aux, end.slopes)
+
+
+def evaluate(residuals, u: Float[Array, " unknowns"]) -> Evaluated:
+    """Residuals and derivatives at `u`, by the program of the steps of `descend`.
+
+    Nothing is compiled for residuals of a structure that has descended before.
+    """
+    solver = _solver(1.0)
+    return _evaluated(_step(solver, residuals, u, _init(solver, residuals, u))[1])
+
+
+def _solver(tolerance: float) -> optx.LevenbergMarquardt:
+    # Arrays, or every tolerance would compile the step again.
+    return optx.LevenbergMarquardt(rtol=jnp.asarray(tolerance), atol=jnp.asarray(tolerance))  # pyright: ignore
+
+
+def _evaluated(state) -> Evaluated:
+    aux, slopes = state.aux
+    J = np.asarray(_dense(state.f_info.jac))
+    return Evaluated(np.asarray(state.f_info.residual), J, aux, np.asarray(slopes))
 
 
 def _crawls(squares: list[float], part: float, rows: int) -> bool:
@@ -158,17 +197,18 @@ def _crawls(squares: list[float], part: float, rows: int) -> bool:
 def _call(u, residuals):
     """The residuals with their derivative as one dense matrix, found once for all its uses.
 
-    The solver also asks for the product with the matrix of its empty first state; that must not
-    lead into the linear solves of an implicit derivative.
+    Beside them what they say, and the derivatives of its numbers. The solver also asks for the
+    product with the matrix of its empty first state; that must not lead into the linear solves of
+    an implicit derivative.
     """
 
     def twice(u):
         r, aux = residuals(u)
-        return r, (r, aux)
+        return (r, aux.numbers), (r, aux)
 
     here = jax.lax.stop_gradient(u)
-    J, (r, aux) = jax.jacfwd(twice, has_aux=True)(here)
-    return r + J @ (u - here), aux
+    (J, slopes), (r, aux) = jax.jacfwd(twice, has_aux=True)(here)
+    return r + J @ (u - here), (aux, slopes)
 
 
 # The state holds the traced derivative, which is compared by identity: the same compiled function
@@ -176,7 +216,8 @@ def _call(u, residuals):
 @eqx.filter_jit
 def _init(solver, residuals, u):
     f, aux = jax.eval_shape(residuals, u)
-    return solver.init(_call, u, residuals, {}, f, aux, frozenset())
+    slopes = jax.ShapeDtypeStruct((*aux.numbers.shape, *u.shape), u.dtype)
+    return solver.init(_call, u, residuals, {}, f, (aux, slopes), frozenset())
 
 
 @eqx.filter_jit

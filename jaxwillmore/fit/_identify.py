@@ -27,6 +27,7 @@ class Identification(eqx.Module):
     - `directions`: unit vectors in the space of unknowns, one row for every singular value.
     - `rank`: number of singular values that are not null.
     - `covariance`: of the estimates within the directions that are not null.
+    - `draws`: changes of the estimates by a bootstrap, where the covariance comes from one.
     """
 
     names: tuple[str, ...] = eqx.field(static=True)
@@ -36,6 +37,7 @@ class Identification(eqx.Module):
     directions: Float[np.ndarray, "unknowns unknowns"]
     rank: int
     covariance: Float[np.ndarray, "unknowns unknowns"]
+    draws: Float[np.ndarray, "draws unknowns"] | None = None
 
     @property
     def identifiable(self) -> dict[str, bool]:
@@ -56,20 +58,28 @@ class Identification(eqx.Module):
 
     def intervals(self, level: float = 0.95) -> dict[str, tuple[float, float]]:
         """Symmetric intervals of a normal distribution (Laplace), in which the truth lies with
-        probability `level` if the residuals are independent and the model is right.
+        probability `level` if the residuals are independent and the model is right; with `draws`,
+        intervals that hold that part of them.
         """
         if not 0 < level < 1:
             raise ValueError(f"`level` must lie between 0 and 1; got {level!r}.")
-        width = float(ndtri(0.5 + 0.5 * level))
-        errors = self.standard_errors
-        return {
-            name: (float(v) - width * errors[name], float(v) + width * errors[name])
-            for name, v in zip(self.names, self.values, strict=True)
-        }
+        errors = np.array(list(self.standard_errors.values()))
+        widths = float(ndtri(0.5 + 0.5 * level)) * errors
+        if self.draws is not None:
+            drawn = np.quantile(np.abs(self.draws), level, axis=0)
+            widths = np.where(np.isfinite(errors), drawn, np.inf)
+        each = zip(self.names, self.values, widths, strict=True)
+        return {name: (float(v - width), float(v + width)) for name, v, width in each}
 
-    def with_covariance(self, covariance: Float[np.ndarray, "unknowns unknowns"]):
-        """The same with another covariance of the estimates."""
-        return dataclasses.replace(self, covariance=covariance)
+    @property
+    def influence(self) -> Float[np.ndarray, "unknowns rows"]:
+        """What a unit of every residual moves of the estimates: $J^+$ within the rank."""
+        V = self.directions[: self.rank]
+        return V.T / self.singular_values[: self.rank] ** 2 @ V @ self.sensitivity.T
+
+    def with_draws(self, draws: Float[np.ndarray, "draws unknowns"]) -> "Identification":
+        """The same with the changes of the estimates that a bootstrap has drawn."""
+        return dataclasses.replace(self, draws=draws, covariance=draws.T @ draws / len(draws))
 
     @property
     def correlation(self) -> Float[np.ndarray, "unknowns unknowns"]:

@@ -139,7 +139,7 @@ class Matcher:
                 return descent
             finer = coarse and result is not None
             if new_references and descent.strain > SETTLED_STRAIN:
-                if self.stages >= MAX_STAGES or not self._new_references(u):
+                if self.stages >= MAX_STAGES or not self._new_references(descent):
                     end = RESULTS.interrupted if interrupted() else RESULTS.stalled
                     return descent._replace(result=end)
                 u = self._still(u)
@@ -154,15 +154,15 @@ class Matcher:
         unit = self.residuals.unit * factor
         self.residuals = eqx.tree_at(lambda r: r.unit, self.residuals, unit)
 
-    def _new_references(self, u) -> bool:
+    def _new_references(self, descent: Descent) -> bool:
         """Models on references that belong to their shapes; whether they could be made."""
-        models = []
-        for k, model in enumerate(self.residuals.models):
-            found, _, _ = self.residuals.shape(u, k)
+        assert descent.aux is not None
+        models, u = [], descent.u
+        for k, (model, x) in enumerate(zip(self.residuals.models, descent.aux.model, strict=True)):
             p = {name: float(v) for name, v in self.layout.parameters(u, k).items()}
-            shape = self._equilibrium(model.equilibrium.mesh, found.x, p, k)
+            shape = self._equilibrium(model.equilibrium.mesh, x, p, k)
             # An unstable shape may have run away to another one, far from the target.
-            if not shape.succeeded or _apart(shape.mesh, found.x, shape.x) > SAME_SHAPE:
+            if not shape.succeeded or _apart(shape.mesh, x, shape.x) > SAME_SHAPE:
                 return False
             models.append(Model(bare(shape), model.pose.moved(self.layout.motion(u, k))))
         self.residuals = eqx.tree_at(lambda r: r.models, self.residuals, tuple(models))

@@ -31,11 +31,11 @@ def mesh_errors(fit: ShapeFit) -> dict[str, float]:
     residuals, u = fit.residuals, fit.u
     changes, rows, used = [], [], 0
     for k, (model, seen) in enumerate(zip(residuals.models, residuals.observed, strict=True)):
-        found, _, x_fine = residuals.shape(u, k)
-        coarse = _coarser(fit, k, found.x)
+        x_fine, motion = fit.shapes[k].x, residuals.unknowns.motion(u, k)
+        coarse = _coarser(fit, k, model.pose.back(x_fine, motion))
         if not coarse.succeeded:
             return dict.fromkeys(residuals.labels, float("inf"))
-        x = model.pose.place(coarse.x, residuals.unknowns.motion(u, k))
+        x = model.pose.place(coarse.x, motion)
         reference = model.equilibrium.reference
         fine = residuals.misfit.rows(seen, reference.mesh, reference.X, x_fine)[0]
         other = residuals.misfit.rows(seen, coarse.mesh, coarse.x, x)[0]

@@ -8,11 +8,13 @@ from typing import Any
 import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Bool, Float, Int
+from jaxtyping import Array, Bool, Float
+from scipy.spatial import KDTree
 
 from ..fem import load, rule_for
 from ..mesh import SurfaceMesh
 from ..surface import body_centroid, distance_to_cells, radial_coefficients
+from ._bootstrap import Field, sphere_directions, waves_at
 from ._statistics import patches_of
 from ._targets import Target, sides
 
@@ -63,10 +65,12 @@ class AbstractMisfit(eqx.Module):
         """Variance of a row when the nodes of the targets have independent errors `noise`."""
 
     @abc.abstractmethod
-    def patches(
-        self, targets: Sequence[Target], models: Sequence[Float[np.ndarray, "_ 3"]]
-    ) -> Int[np.ndarray, " rows"]:
-        """A number for every row; rows of different patches are independent."""
+    def fields(
+        self,
+        targets: Sequence[Target],
+        models: Sequence[tuple[SurfaceMesh, Float[Array, "_ 3"]]],
+    ) -> list[Field]:
+        """How the rows of every target lie on it; `models` are where they stand."""
 
 
 class Points(AbstractMisfit):
@@ -106,17 +110,21 @@ class Points(AbstractMisfit):
     def variance(self, noise, targets):
         return noise**2
 
-    def patches(self, targets, models):
-        rows, used = [], 0
-        for target, x in zip(targets, models, strict=True):
-            points = np.asarray(target.points)
-            own = patches_of(points)
-            rows.append(own + used)
+    def fields(self, targets, models):
+        found = []
+        for target, (mesh, x) in zip(targets, models, strict=True):
+            half = 0.5 if self.both_ways else 1.0
+            points, sizes = np.asarray(target.points), half * np.asarray(target.weights)
+            patches = patches_of(points)
+            where = sphere_directions(mesh, x, points)
             if self.both_ways:
-                nearest = np.argmin(np.linalg.norm(x[:, None] - points[None], axis=-1), axis=1)
-                rows.append(own[nearest] + used)
-            used += own.max() + 1
-        return np.concatenate(rows)
+                nearest = KDTree(points).query(np.asarray(x))[1]
+                patches = np.concatenate([patches, patches[nearest]])
+                where = np.concatenate([where, sphere_directions(mesh, x, np.asarray(x))])
+                own = np.asarray(node_weights(mesh, x)) * np.sum(sizes)
+                sizes = np.concatenate([sizes, own])
+            found.append(waves_at(where, np.sqrt(sizes), patches))
+        return found
 
 
 class ObservedRadius(eqx.Module):
@@ -170,8 +178,9 @@ class Harmonics(AbstractMisfit):
         # A coefficient sums N radii, each with the angle 4π/N, against a harmonic of norm one.
         return noise**2 * 4 * math.pi * len(targets) / sum(t.count for t in targets)
 
-    def patches(self, targets, models):
-        return np.arange(self.count(targets))
+    def fields(self, targets, models):
+        own = (self.max_degree + 1) ** 2
+        return [Field(np.eye(own), np.zeros(own, int)) for _ in targets]
 
 
 _coefficients = eqx.filter_jit(radial_coefficients)

@@ -17,7 +17,7 @@ from ._conclusion import UNSEEN, concluded, start_of
 from ._descend import Descent
 from ._identify import NO_SOLUTION, Identification
 from ._parameters import AbstractRange, Between, Positive, Unbounded
-from ._phase_matcher import RESOLUTION, PhaseMatcher, near, placed, solved_for
+from ._phase_matcher import RESOLUTION, PhaseMatcher, near, placed
 from ._phase_residuals import MEAN, REDUCED_VOLUME, Build, PhaseResiduals, observed_phases
 from ._pose import Pose
 from ._results import RESULTS, message, name_of
@@ -239,7 +239,9 @@ def _finished(matcher: PhaseMatcher, descent: Descent, variance, rank_tolerance,
     shape, solution = residuals.model.equilibrium, None
     x, c = residuals.model.pose.place(shape.x, residuals.motion(descent.u)), shape.c
     if not lost:
-        solution, _, x = solved_for(residuals, descent.u)
+        assert descent.aux is not None
+        solution = descent.aux.model
+        x = residuals.model.pose.place(solution.x, residuals.motion(descent.u))
         c = solution.c
     assert c is not None
     sizes = [float(np.linalg.norm(part)) for part in np.split(end.residuals, 2)]

@@ -103,14 +103,14 @@ class PhaseMatcher:
                 return descent
             if not new_references or descent.strain <= SETTLED_STRAIN:
                 return descent
-            if self.stages >= MAX_STAGES or not self._new_reference(u):
+            if self.stages >= MAX_STAGES or not self._new_reference(descent):
                 end = RESULTS.interrupted if self.interrupted() else RESULTS.stalled
                 return descent._replace(result=end)
             u = jnp.concatenate([u[: len(self.residuals.labels)], jnp.zeros(7)])
 
-    def _new_reference(self, u) -> bool:
-        r = self.residuals
-        found, _, _ = solved_for(r, u)
+    def _new_reference(self, descent: Descent) -> bool:
+        assert descent.aux is not None
+        r, u, found = self.residuals, descent.u, descent.aux.model
         own = r.model.equilibrium
         shape = near(r.build, r.values(u), own, found.x, found.c)
         if not shape.succeeded:
@@ -129,9 +129,3 @@ class PhaseMatcher:
         row |= {n: float(v) for n, v in self.residuals.values(iterate.u).items()}
         self.history.append(row)
         return self.observer is not None and asks_to_stop(self.observer(row))
-
-
-@eqx.filter_jit
-def solved_for(residuals: PhaseResiduals, u):
-    """`PhaseResiduals.solved`, compiled."""
-    return residuals.solved(u)

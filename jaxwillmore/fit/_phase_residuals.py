@@ -96,4 +96,4 @@ class PhaseResiduals(eqx.Module):
         good = exists & jnp.all(jnp.isfinite(rows))
         away = found.x - equilibrium.units.outward(equilibrium.reference.X)
         strain = jnp.max(jnp.linalg.norm(away, axis=1)) / equilibrium.units.length
-        return jnp.where(good, rows, NOWHERE), Aux(good, strain)
+        return jnp.where(good, rows, NOWHERE), Aux(good, strain, model=found)

@@ -37,6 +37,13 @@ class Pose(eqx.Module):
         turned = x @ (rotation(motion[:3]) @ self.axes).T
         return self.origin[None] + self.size * (motion[None, 3:6] + jnp.exp(motion[6]) * turned)
 
+    def back(
+        self, x: Float[Array, "nodes 3"], motion: Float[Array, "7"]
+    ) -> Float[Array, "nodes 3"]:
+        """The inverse of `place`."""
+        turned = (x - self.origin[None]) / self.size - motion[None, 3:6]
+        return turned * jnp.exp(-motion[6]) @ (rotation(motion[:3]) @ self.axes)
+
     def moved(self, motion: Float[Array, "7"]) -> "Pose":
         """The frame that a motion leads to."""
         axes = rotation(motion[:3]) @ self.axes

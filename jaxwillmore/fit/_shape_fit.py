@@ -4,8 +4,6 @@ import dataclasses
 from collections.abc import Mapping
 from typing import Any
 
-import equinox as eqx
-import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
@@ -13,19 +11,17 @@ from jaxtyping import Array, Float
 from ..fem import l2_norm
 from ..mesh import SurfaceMesh
 from ..surface import area, closest
-from ._descend import Descent
+from ._bootstrap import block_bootstrap
+from ._descend import Descent, evaluate
 from ._force_balance import KAPPA_IS_INVISIBLE
 from ._identify import NO_SOLUTION, Identification
 from ._pose import Pose
 from ._results import RESULTS
-from ._shape_residuals import ShapeResiduals
+from ._shape_residuals import FOLLOWING, ShapeResiduals
 from ._statistics import laplace
 from ._targets import Target
 from ._unknowns import SHAPE_NAMES, spoken
 from ._verdict import Verdict
-
-# What an equilibrium has besides its spontaneous curvature.
-FOLLOWING = ("tension", "pressure", "reduced_volume")
 
 
 @dataclasses.dataclass(frozen=True)
@@ -62,8 +58,9 @@ class ShapeFit:
     - `shapes`: one for each target.
     - `identification`: of the free parameters, with motion and size fitted along; intervals if the
       model were right and residuals independent (Laplace).
-    - `robust`: the same with the covariance that holds when the residuals of neighbouring points
-      depend on each other: the discrepancy of a model that is not exactly right.
+    - `robust`: the same when the residuals of neighbouring points depend on each other: the
+      discrepancy of a model that is not exactly right, by a bootstrap over blocks of the residual
+      field (spherical harmonics of one degree on one target), without any further fit.
     - `rms`: root mean square of the distances that were fitted, over the mean area radius.
     - `history`: one row per accepted step.
     - `iterate`: where it ended, as plain numbers; `match_shapes(..., resume=iterate)` goes on.
@@ -94,8 +91,8 @@ class ShapeFit:
 
     def misfit(self, u: Float[Array, " unknowns"]) -> tuple[float, bool]:
         """Norm of the residuals for other unknowns, and whether the models exist."""
-        size, solved = _misfit(self.residuals, u)
-        return float(size), bool(solved)
+        there = evaluate(self.residuals, u)
+        return float(np.linalg.norm(there.residuals)), bool(there.aux.solved)
 
     def in_words(self) -> tuple[str, ...]:
         """What these shapes do not tell, one sentence each."""
@@ -147,29 +144,6 @@ def pose_of(numbers: Mapping[str, Any]) -> Pose:
     return Pose(*(jnp.asarray(numbers[k], float) for k in ("axes", "origin", "size")))
 
 
-@eqx.filter_jit
-def _misfit(residuals: ShapeResiduals, u):
-    r, aux = residuals(u)
-    return jnp.linalg.norm(r), aux.solved
-
-
-@eqx.filter_jit
-def _multipliers(residuals: ShapeResiduals, u, k: int):
-    """Tension, pressure, reduced volume of one model, their derivatives, and its nodes."""
-
-    def numbers(u):
-        found, _, x = residuals.shape(u, k)
-        v = found.volume / (4 * jnp.pi / 3)  # of area radius one
-        return jnp.stack([found.tension, found.pressure, v]), x
-
-    def twice(u):
-        values, x = numbers(u)
-        return values, (values, x)
-
-    slopes, (values, x) = jax.jacfwd(twice, has_aux=True)(u)
-    return values, slopes, x
-
-
 def matched(
     targets: tuple[Target, ...],
     residuals: ShapeResiduals,
@@ -180,26 +154,29 @@ def matched(
 ) -> tuple[tuple[MatchedShape, ...], Identification, Identification]:
     """Everything that is said about a solution; no shapes if it is `lost`."""
     unknowns, u = residuals.unknowns, descent.u
-    found, robust = statistics(targets, residuals, descent, noise, rank_tolerance)
+    assert descent.aux is not None and descent.slopes is not None
+    placed = [residuals.placed(x, u, k) for k, x in enumerate(descent.aux.model)]
+    found, robust = statistics(targets, residuals, descent, placed, noise, rank_tolerance)
     shapes = []
     if lost:
         return (), found, robust
-    for k, target in enumerate(targets):
-        values, slopes, x = _multipliers(residuals, u, k)
+    for k, (target, x) in enumerate(zip(targets, placed, strict=True)):
+        own = slice(k * len(FOLLOWING), (k + 1) * len(FOLLOWING))
+        values, slopes = descent.aux.numbers[own], descent.slopes[own]
         size = float(residuals.sizes[k])
         motion = unknowns.motion(u, k)
         radius = float(residuals.models[k].pose.size * jnp.exp(motion[6]))
         H0 = size * float(unknowns.parameters(u, k)["spontaneous_curvature"])
         p = dict(zip(FOLLOWING, map(float, values), strict=True))
         p |= {"spontaneous_curvature": H0, "radius": radius}
-        errors = _errors(residuals, descent, robust, k, np.asarray(slopes))
+        errors = _errors(residuals, descent, robust, k, slopes)
         mesh = residuals.models[k].equilibrium.mesh
         numbers, signed = distances(target, mesh, np.asarray(x))
         shapes.append(MatchedShape(mesh, x, p, errors, numbers, signed))
     return tuple(shapes), found, robust
 
 
-def statistics(targets, residuals: ShapeResiduals, descent: Descent, noise, rank_tolerance):
+def statistics(targets, residuals: ShapeResiduals, descent: Descent, placed, noise, rank_tolerance):
     """Laplace's intervals, and those that allow for residuals which depend on each other."""
     unknowns, u = residuals.unknowns, descent.u
     misfit = residuals.misfit
@@ -214,8 +191,11 @@ def statistics(targets, residuals: ShapeResiduals, descent: Descent, noise, rank
     }
     r, J = descent.residuals, descent.jacobian
     found = laplace(r, J, **arguments)
-    models = [np.asarray(residuals.shape(u, k)[2]) for k in range(len(targets))]
-    return found, laplace(r, J, **arguments, patches=misfit.patches(targets, models))
+    if not np.any(r):
+        return found, found
+    models = [(m.equilibrium.mesh, x) for m, x in zip(residuals.models, placed, strict=True)]
+    fields = misfit.fields(targets, models)
+    return found, found.with_draws(block_bootstrap(r, J, found.influence, fields))
 
 
 def _errors(residuals, descent, robust: Identification, k: int, slopes) -> dict[str, float]:

@@ -12,6 +12,8 @@ from ._parameters import AbstractRange
 from ._pose import Pose
 from ._unknowns import Unknowns
 
+# What an equilibrium has besides its spontaneous curvature, in the order of `Aux.numbers`.
+FOLLOWING = ("tension", "pressure", "reduced_volume")
 # Where the model has no solution: far above any distance, so that the step is rejected.
 NOWHERE = 1e3
 # The shortest part of the way to other parameters that is tried before giving up.
@@ -109,6 +111,9 @@ class ShapeResiduals(eqx.Module):
     - `sizes`: area radius of every target over the mean R of all: a shared spontaneous curvature
       is one of 1/length.
     - `unit`: $R\,\delta\,\sqrt M$ with the `mass` M of the misfit and the resolution $\delta$.
+
+    Beside the residuals, `Aux` has the nodes of every model in its own frame, and the `FOLLOWING`
+    numbers of one after the other.
     """
 
     models: tuple[Model, ...]
@@ -133,10 +138,14 @@ class ShapeResiduals(eqx.Module):
         p = dict(self.unknowns.parameters(u, k))
         p["spontaneous_curvature"] = p["spontaneous_curvature"] * self.sizes[k]
         found, exists = self.models[k].solved(p)
-        return found, exists, self.models[k].pose.place(found.x, self.unknowns.motion(u, k))
+        return found, exists, self.placed(found.x, u, k)
+
+    def placed(self, x: Float[Array, "nodes 3"], u: Float[Array, " unknowns"], k: int):
+        """Nodes of the model of one target where it stands."""
+        return self.models[k].pose.place(x, self.unknowns.motion(u, k))
 
     def __call__(self, u: Float[Array, " unknowns"]) -> tuple[Float[Array, " rows"], Aux]:
-        rows, solved, strains = [], [], []
+        rows, solved, strains, numbers, nodes = [], [], [], [], []
         for k, (model, seen) in enumerate(zip(self.models, self.observed, strict=True)):
             found, exists, x = self.shape(u, k)
             r = model.equilibrium.reference
@@ -145,5 +154,9 @@ class ShapeResiduals(eqx.Module):
             solved.append(exists & defined)
             away = found.x - model.equilibrium.units.outward(r.X)
             strains.append(jnp.max(jnp.linalg.norm(away, axis=1)))
-        aux = Aux(jnp.all(jnp.stack(solved)), jnp.max(jnp.stack(strains)))
+            v = found.volume / (4 * jnp.pi / 3)  # of area radius one
+            numbers += [found.tension, found.pressure, v]
+            nodes.append(found.x)
+        strain = jnp.max(jnp.stack(strains))
+        aux = Aux(jnp.all(jnp.stack(solved)), strain, jnp.stack(numbers), tuple(nodes))
         return jnp.concatenate(rows), aux

@@ -15,7 +15,6 @@ def laplace(
     *,
     count: int,
     variance: float | None = None,
-    patches: Int[np.ndarray, " rows"] | None = None,
     rank_tolerance: float = 1e-3,
     least: float = 0.0,
     by_factors: tuple[bool, ...] = (),
@@ -32,16 +31,10 @@ def laplace(
     - `count`: number of residuals that are no padding.
     - `variance`: of a residual; left out, it is their mean square over `count` less the number of
       unknowns.
-    - `patches`: a number for every row. With them the covariance is the one that holds when
-      residuals of the same patch depend on each other (the sandwich of Liang and Zeger), as those
-      of a model that is not exactly right do.
     - `least`: a parameter counts as null if a unit of its unknown changes the residuals by no more:
       what a single parameter does has nothing to be compared with.
     - `by_factors`: which unknowns are logarithms. Such a parameter counts as null also if it is
       uncertain by more than a factor of e.
-
-    ??? cite "Reference"
-        Liang, Zeger (1986), *Biometrika* 73, 13–22, equation (7) with independent patches.
     """
     n = len(names)
     own, motion = jacobian[:, :n] / slopes[None], jacobian[:, n:]
@@ -52,16 +45,7 @@ def laplace(
     scale = mean_square if variance is None else variance
     needed = least + np.sqrt(scale) * np.asarray(by_factors or n * (False,))
     own = np.where(np.linalg.norm(own, axis=0) * np.abs(slopes) > needed, own, 0.0)
-    found = identify(own, names, values, variance=scale, rank_tolerance=rank_tolerance)
-    if patches is None or scale == 0.0:
-        return found
-    bread = found.covariance / scale
-    groups = np.unique(patches)
-    scores = np.stack([own[patches == g].T @ residuals[patches == g] for g in groups])
-    # Fitted residuals are smaller than true ones: the usual factor for the number of unknowns.
-    factor = len(groups) / max(len(groups) - jacobian.shape[1], 1)
-    sandwich = factor * bread @ (scores.T @ scores) @ bread
-    return found.with_covariance(sandwich)
+    return identify(own, names, values, variance=scale, rank_tolerance=rank_tolerance)
 
 
 def patches_of(
