@@ -17,6 +17,14 @@ from ._closing import (
 )
 from ._console import lasting_output
 from ._interrupts import catch_interrupts, exit_status, signals_answered
+from ._options import (
+    add_case,
+    add_check_options,
+    add_out,
+    add_resume,
+    check_resume,
+    later_of,
+)
 from ._version import __version__
 
 OK, FAILED, BAD_INPUT = 0, 1, 2
@@ -25,7 +33,7 @@ _EPILOG = (
     "Exit status: 0 success; 1 the run failed, or the mesh is not sound; 2 the case, a file name "
     "or the command line is wrong; 130 after Ctrl-C, 143 after SIGTERM or SIGHUP. On these, run, "
     "equilibrium, branch and fit stop after the step in progress and keep what they have; a second "
-    "one ends at once. run --resume and fit --resume go on, after a kill too."
+    "one ends at once. run, branch and fit go on with --resume, after a kill too."
 )
 
 
@@ -53,24 +61,17 @@ def _parser() -> argparse.ArgumentParser:
         ("branch", _branch, "follow a branch of equilibria of a case file"),
     ):
         run = commands.add_parser(name, help=words, epilog=_EPILOG)
-        resumable = name == "run"
-        run.add_argument(
-            "case",
-            metavar="CASE.toml",
-            nargs="?" if resumable else None,
-            help="a case file, or example:NAME for one of the examples",
-        )
-        _add_out(run, "folder for everything it leaves", required=not resumable)
+        add_case(run)
+        add_out(run, "folder for everything it leaves", required=False)
         run.add_argument(
             "--replace", action="store_true", help="replace the files of an earlier run in DIR"
         )
-        if resumable:
-            _add_resume(run)
+        add_resume(run, name)
         run.add_argument("--quiet", action="store_true", help="print nothing but errors")
         run.set_defaults(command=command, parser=run)
 
     check = commands.add_parser("check", help="say what is wrong with a mesh", epilog=_EPILOG)
-    _add_check_options(check)
+    add_check_options(check)
     check.set_defaults(command=_check)
 
     shapes = commands.add_parser("shapes", help="list shapes and their parameters")
@@ -82,51 +83,12 @@ def _parser() -> argparse.ArgumentParser:
     return parser
 
 
-def _add_check_options(check) -> None:
-    check.add_argument("mesh", metavar="MESH", help="a file .ply .off .obj .stl .npz .vtu")
-    for name, kind, words in (
-        ("--repair", str, "write the mesh here (.ply, .npz), without unused vertices, collapsed "
-         "or repeated faces, normals turned out"),
-        ("--merge-tolerance", float, "make one vertex of vertices closer than this"),
-        ("--components", int, "how many separate pieces there should be (default: 1)"),
-        ("--genus", int, "how many handles there should be"),
-    ):  # fmt: skip
-        metavar = {str: "OUT", float: "LENGTH", int: "N"}[kind]
-        check.add_argument(name, type=kind, metavar=metavar, help=words)
-    check.add_argument("--keep", choices=["largest"], help="keep so many of the largest pieces")
-
-
-def _add_out(parser, words: str, required: bool = True) -> None:
-    parser.add_argument("--out", required=required, metavar="DIR", type=_folder_name, help=words)
-
-
-def _add_resume(run) -> None:
-    run.add_argument(
-        "--resume",
-        metavar="DIR",
-        type=_folder_name,
-        help="go on with the run in DIR, with the case that is kept there",
-    )
-    run.add_argument("--t1", type=float, help="with --resume: a later end than that of the case")
-    run.add_argument(
-        "--max-steps", type=int, metavar="N", help="with --resume: more steps than in the case"
-    )
-
-
-def _folder_name(text: str) -> str:
-    if not text.strip():
-        raise argparse.ArgumentTypeError(
-            f"needs the name of a folder (`.` is the current one); got {text!r}"
-        )
-    return text
-
-
 def _add_verify(commands) -> None:
     verify = commands.add_parser("verify", help="check the mathematics", epilog=_EPILOG)
     subjects = verify.add_subparsers(required=True, metavar="SUBJECT")
     text = "derivatives of all energies by a shape, by autodiff against their formulas"
     subject = subjects.add_parser("shape-derivative", help=text, description=text, epilog=_EPILOG)
-    _add_out(subject, "folder for tables (CSV) and a picture", required=False)
+    add_out(subject, "folder for tables (CSV) and a picture", required=False)
     subject.add_argument(
         "--levels",
         type=int,
@@ -144,7 +106,7 @@ def _add_fit(commands) -> None:
     fit.add_argument(
         "case", metavar="CASE.toml", help="a case with [target], or example:NAME for an example"
     )
-    _add_out(fit, "folder for everything it leaves")
+    add_out(fit, "folder for everything it leaves")
     how = fit.add_mutually_exclusive_group()
     how.add_argument(
         "--replace",
@@ -177,60 +139,50 @@ def _doctor(args: argparse.Namespace) -> int:
 def _run(args: argparse.Namespace) -> int:
     from .runs import resume_case, run_case
 
-    _check_run(args)
-    if args.resume is None:
-        return _computed(args, "run", run_case, flow_closing)
-
-    def go_on(**how):
-        return resume_case(args.resume, t1=args.t1, max_steps=args.max_steps, **how)
-
-    return _ended(args, go_on, flow_closing)
-
-
-def _check_run(args: argparse.Namespace) -> None:
-    """A run begins with a case and a folder, and goes on with neither."""
-    if args.resume is None:
-        given = {"CASE.toml": args.case, "--out": args.out}
-        missing = [name for name, value in given.items() if value is None]
-        if missing:
-            args.parser.error(f"the following arguments are required: {', '.join(missing)}")
-        if args.t1 is not None or args.max_steps is not None:
-            args.parser.error("--t1 and --max-steps go with --resume; they stand in the case file")
-    elif args.case is not None or args.out is not None or args.replace:
-        args.parser.error("--resume DIR takes no case, no --out and no --replace: all is in DIR")
+    return _computed(args, "run", run_case, resume_case, flow_closing)
 
 
 def _equilibrium(args: argparse.Namespace) -> int:
     from .runs import run_equilibrium
 
-    return _computed(args, "equilibrium", run_equilibrium, equilibrium_closing)
+    return _computed(args, "equilibrium", run_equilibrium, _not_resumed, equilibrium_closing)
+
+
+def _not_resumed(out: str, **_: Any) -> Any:
+    from .io import RunFolderError
+
+    raise RunFolderError(
+        "an equilibrium leaves nothing to go on from: it takes seconds. Find it again: jaxwillmore "
+        f"equilibrium {os.path.join(out, 'case.toml')} --out {out} --replace"
+    )
 
 
 def _branch(args: argparse.Namespace) -> int:
-    from .runs import run_branch
+    from .runs import resume_branch, run_branch
 
-    return _computed(args, "branch", run_branch, branch_closing)
+    return _computed(args, "branch", run_branch, resume_branch, branch_closing)
 
 
-def _computed(args: argparse.Namespace, command: Any, compute: Any, closing: Any) -> int:
-    """Load a case, compute, say how it ended; the exit status."""
+def _computed(
+    args: argparse.Namespace, command: Any, compute: Any, resume: Any, closing: Any
+) -> int:
+    """Load a case and compute, or go on in a folder; say how it ended; the exit status."""
+    check_resume(args, command)
 
-    def begin(**how):
+    def work(**how):
         from .cases import load_case
 
+        if args.resume is not None:
+            return resume(args.resume, **later_of(args, command), **how)
         existing = "replace" if args.replace else "refuse"
         return compute(load_case(args.case, command), args.out, existing=existing, **how)
 
-    return _ended(args, begin, closing)
-
-
-def _ended(args: argparse.Namespace, work: Any, closing: Any) -> int:
     keep_compiled()
     with catch_interrupts():
-        return _caught(args, work, closing)
+        return _caught(args, command, work, closing)
 
 
-def _caught(args: argparse.Namespace, work: Any, closing: Any) -> int:
+def _caught(args: argparse.Namespace, command: str, work: Any, closing: Any) -> int:
     from .cases import CaseError
     from .evolve import TextProgressMeter
     from .io import RunFolderError
@@ -243,10 +195,8 @@ def _caught(args: argparse.Namespace, work: Any, closing: Any) -> int:
             announce=None if meter is None else meter.start,
         )
     except RunFolderError as error:
-        ways = (
-            "--replace, or `run --resume DIR` to go on with it" if "resume" in args else "--replace"
-        )
-        return _refused(error, ways)
+        more = "" if command == "equilibrium" else f", or `{command} --resume DIR` to go on with it"
+        return _refused(error, f"--replace{more}")
     except (CaseError, FileNotFoundError, IsADirectoryError) as error:
         return _complain(error, BAD_INPUT)
     except (SurfaceError, OSError) as error:

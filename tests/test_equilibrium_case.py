@@ -187,6 +187,7 @@ def test_the_folder_of_a_branch_is_complete(prolates):
     case, run, _ = prolates
     assert {path.name for path in run.folder.iterdir()} == {
         *(".files", "case.toml", "summary.json", "branch.csv", "branch.png", "shapes"),
+        "checkpoint.npz",
         *("final.npz", "final.ply", "final.vtu", "final.png"),
     }
     assert load_case(run.folder / "case.toml", "branch") == case

@@ -20,7 +20,7 @@ LAYERS = [
     {"shapes", "fit", "health", "io", "plot", "verify"},
     {"cases"},
     {"runs"},
-    {"_closing"},
+    {"_closing", "_options"},
     {"cli", "__main__"},
 ]
 RANK = {name: rank for rank, names in enumerate(LAYERS) for name in names}

@@ -19,6 +19,7 @@ from jaxwillmore.io import (
     RunFolderError,
     read_checkpoint,
     read_history,
+    write_checkpoint,
 )
 from jaxwillmore.runs import resume_case, run_case
 
@@ -211,12 +212,33 @@ def test_folders_without_a_run_to_go_on_with_say_what_to_do(whole, tmp_path, cap
     assert_same(folder, whole)
 
 
-def test_history_that_lost_rows_is_refused(tmp_path):
+def test_history_that_lost_rows_leads_to_the_older_checkpoint_or_is_refused(whole, tmp_path):
     folder = killed_at(5, tmp_path / "out")
     lines = (folder / "history.csv").read_text(encoding="utf-8").splitlines(keepends=True)
     (folder / "history.csv").write_text("".join(lines[:3]), encoding="utf-8")
-    with pytest.raises(RunFolderError, match="holds 2 rows; 4 were written"):
+    with pytest.warns(CheckpointWarning, match="holds 2 rows; 4 were written; the run goes on"):
         resume_case(folder)
+    assert_same(folder, whole)
+    folder = killed_at(5, tmp_path / "empty")
+    (folder / "history.csv").write_text("", encoding="utf-8")
+    words = "history.csv` holds 0 rows; 4 were.*before it.*1 were written. To start it again: jax"
+    with pytest.raises(RunFolderError, match=words):
+        resume_case(folder)
+
+
+def test_a_checkpoint_that_no_run_wrote_there_is_refused(whole, tmp_path):
+    folder = killed_at(5, tmp_path / "out")
+    read = read_checkpoint(folder / "checkpoint.npz")
+    known, path = read.metadata, folder / "checkpoint.npz"
+    for metadata, words in (
+        ({}, "does not say where its run stood .frames, rows"),
+        (known | {"rows": 3}, "written after 3 rows of history, and its run has 3 steps"),
+        (known | {"frames": 9}, "lists 1 frames; 9 were written"),
+    ):
+        for _ in range(2):
+            write_checkpoint(path, read.solution, metadata)
+        with pytest.raises(RunFolderError, match=words):
+            resume_case(folder)
 
 
 def test_another_machine_is_a_note(tmp_path, monkeypatch, capsys):

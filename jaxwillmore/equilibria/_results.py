@@ -41,10 +41,7 @@ class BRANCH_RESULTS(eqx.Enumeration):
     self_contact = "The surface touches itself; equilibria beyond would need contact forces."
     point_limit = "The maximum number of points was reached; raise `max_points`."
     stopped = "The observer asked to stop."
-    interrupted = (
-        "The branch was interrupted. All its points are kept; another branch may start from the "
-        "last one."
-    )
+    interrupted = "The branch was interrupted. All its points are kept, and it can be resumed."
 
 
 _NAMES = {

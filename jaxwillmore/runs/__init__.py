@@ -6,4 +6,5 @@ from ._doctor import diagnosis as diagnosis
 from ._equilibrium import CaseEquilibrium as CaseEquilibrium, run_equilibrium as run_equilibrium
 from ._fit import FitRun as FitRun, run_fit as run_fit
 from ._resume import resume_case as resume_case
+from ._resume_branch import resume_branch as resume_branch
 from ._run import CaseRun as CaseRun, run_case as run_case

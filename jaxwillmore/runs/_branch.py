@@ -4,15 +4,23 @@ import dataclasses
 import os
 import pathlib
 import time
-from collections.abc import Callable, Iterable
+from collections.abc import Callable
 from typing import Any
 
-from .._interrupts import catch_interrupts, interrupted
+from .._interrupts import catch_interrupts
 from ..cases import OF_PHASES, Case, CaseError
-from ..equilibria import BranchEvent, Equilibrium, branch, memory_estimate, message, name_of
-from ..health import HealthWarning, health_warnings
+from ..equilibria import (
+    Branch,
+    BranchEvent,
+    Equilibrium,
+    branch,
+    memory_estimate,
+    message,
+    name_of,
+)
 from ..io import RunFolder
 from ..plot import branch_picture
+from ._branch_recorder import BranchRecorder
 from ._doubts import doubts
 from ._equilibrium import (
     check_equilibrium,
@@ -25,9 +33,9 @@ from ._equilibrium import (
     write_shape,
 )
 from ._inputs import stored_case
-from ._output import Existing, ending, fields_of, open_folder, pictures
+from ._output import INTERRUPTED, Existing, ending, fields_of, open_folder, pictures
 from ._size import Announce, announced
-from ._start import starting_surface
+from ._start import Start, starting_surface
 from ._summary import end_of_equilibrium, health_of, provenance, warnings_of
 
 _DONE = "end_reached"
@@ -60,7 +68,8 @@ def run_branch(
 
     Every converged shape is in the folder as soon as it exists, and stays there however the branch
     ends. `summary["status"]`, `["message"]` and `["ended_at"]` say why and where it did. Ctrl-C or
-    SIGTERM end it before its next step, a second signal at once.
+    SIGTERM end it before its next step, a second signal at once. `resume_branch` goes on with it,
+    also after a kill.
 
     **Arguments:** as in `run_equilibrium`; `progress` is called with dictionaries of pseudo-time
     steps, then with the row of `branch.csv` for every point.
@@ -83,76 +92,73 @@ def run_branch(
     stored = stored_case(case)
     with open_folder(out, existing) as folder:
         stored.write(folder)
-        recorder = _Recorder(case, folder, progress)
+        recorder = BranchRecorder(case, folder, progress, began)
         first = equilibrium_of(start, wanted, progress)
-        status, words, events = _followed(case, first, recorder)
-        last = recorder.points[-1] if recorder.points else first
-        fields = write_shape(folder, last)
-        recorder.note(warnings_of(case, last.mesh, last.x, fields["H"]))
-        found = [warning for _, warning in recorder.health.values()]
-        status, words = ending(status, words, found, case.output.fatal_warnings)
-        summary = {
-            "status": status,
-            "message": words,
-            "parameter": case.branch.parameter,
-            "points": len(recorder.points),
-            "ended_at": recorder.rows[-1] if recorder.rows else None,
-            "events": [_event(event) for event in events],
-            **end_of_equilibrium(case, last, fields["H"], measures_of_start(case, start)),
-            "health": [
-                {"point": number, **health_of([warning])[0]}
-                for number, warning in recorder.health.values()
-            ],
-            "repairs": list(start.repairs),
-            "warnings": doubts(recorder.points or [first]),
-            "notes": notes_of(case),
-            **provenance(time.perf_counter() - began),
-        }
-        folder.write_summary(summary)
-        if case.output.picture:
-            with pictures():
-                draw_shape(folder, start, last, fields["H"])
-                if recorder.points:
-                    _draw(folder, case.branch.parameter, recorder, status)
-    return CaseBranch(folder.path, summary, tuple(recorder.points))
+        found = followed(case, first, recorder) if first.succeeded else None
+        return concluded(case, start, folder, recorder, first, found, notes_of(case))
 
 
-class _Recorder:
-    """Keeps every point of a branch, on disk at once."""
+def concluded(
+    case: Case,
+    start: Start,
+    folder: RunFolder,
+    recorder: BranchRecorder,
+    first: Equilibrium,
+    found: Branch | None,
+    notes: list[str],
+) -> CaseBranch:
+    """Write what is left at the end of a branch.
 
-    def __init__(self, case: Case, folder: RunFolder, progress):
-        self._case, self._folder, self._progress = case, folder, progress
-        self.points: list[Equilibrium] = []
-        self.rows: list[dict[str, Any]] = []
-        self.health: dict[str, tuple[int, HealthWarning]] = {}
-
-    def point(self, row: dict[str, Any], shape: Equilibrium) -> bool:
-        """Write one point; whether the branch is to end there."""
-        number, fields = len(self.points), fields_of(shape)
-        self.points.append(shape)
-        self.rows.append({"point": number, **row})
-        self._folder.write_shape(number, shape.mesh, shape.x, fields)
-        self._folder.branch.append(self.rows[-1])
-        self.note(health_warnings(shape.mesh, shape.x, fields["H"]))
-        if self._progress is not None:
-            self._progress(self.rows[-1])
-        # An interrupt ends the branch anyway, and is then why it ended.
-        return bool(self.health) and self._case.output.fatal_warnings and not interrupted()
-
-    def note(self, found: Iterable[HealthWarning]) -> None:
-        """Remember warnings of the last point, each kind where it first appeared."""
-        for warning in found:
-            self.health.setdefault(warning.kind, (max(len(self.points) - 1, 0), warning))
-
-
-def _followed(case: Case, first: Equilibrium, recorder: _Recorder):
-    """Status, message and events of the branch from its first shape."""
+    - `found`: `None` where there is no equilibrium to start from.
+    """
     assert case.branch is not None
-    if not first.succeeded:
+    if found is None:
         words = f"There is no equilibrium to start from. {message(first.result)}"
-        return name_of(first.result), words, ()
+        status, points, rows, events = name_of(first.result), (), (), ()
+    else:
+        recorder.checkpoint(found)
+        status, words = name_of(found.result), message(found.result)
+        points, rows, events = found.points, recorder.rows, found.events
+    last = points[-1] if points else first
+    fields = write_shape(folder, last)
+    recorder.note(warnings_of(case, last.mesh, last.x, fields["H"]))
+    warned = [warning for _, warning in recorder.health.values()]
+    status, words = ending(status, words, warned, case.output.fatal_warnings)
+    summary = {
+        "status": status,
+        "message": words,
+        "parameter": case.branch.parameter,
+        "points": len(points),
+        "ended_at": rows[-1] if rows else None,
+        "events": [_event(event) for event in events],
+        **end_of_equilibrium(case, last, fields["H"], measures_of_start(case, start)),
+        "health": [
+            {"point": number, **health_of([warning])[0]}
+            for number, warning in recorder.health.values()
+        ],
+        "repairs": list(start.repairs),
+        "warnings": doubts(points or [first]),
+        "notes": notes,
+        **provenance(recorder.seconds),
+    }
+    folder.write_summary(summary)
+    if status != INTERRUPTED:
+        folder.drop_previous_checkpoint()
+    if case.output.picture:
+        with pictures():
+            draw_shape(folder, start, last, fields["H"])
+            if points:
+                _draw(folder, case.branch.parameter, recorder, status)
+    return CaseBranch(folder.path, summary, tuple(points))
+
+
+def followed(
+    case: Case, first: Equilibrium, recorder: BranchRecorder, resume: Branch | None = None
+) -> Branch:
+    """The branch from its first shape, or from where it was stopped."""
+    assert case.branch is not None
     try:
-        found = branch(
+        return branch(
             first,
             case.branch.parameter,
             stop=case.branch.stop,
@@ -162,10 +168,11 @@ def _followed(case: Case, first: Equilibrium, recorder: _Recorder):
             max_points=case.branch.max_points,
             self_contact=case.branch.self_contact,
             observer=recorder.point,
+            resume=resume,
+            checkpoints=recorder.checkpoint,
         )
     except ValueError as error:
         raise CaseError(str(error), section="branch") from error
-    return name_of(found.result), message(found.result), found.events
 
 
 def _event(event: BranchEvent) -> dict[str, Any]:
@@ -203,7 +210,7 @@ def _check_branch(case: Case) -> None:
         raise CaseError(problem, section="branch", key="parameter", got=name)
 
 
-def _draw(folder: RunFolder, parameter: str, recorder: _Recorder, status: str) -> None:
+def _draw(folder: RunFolder, parameter: str, recorder: BranchRecorder, status: str) -> None:
     points = recorder.points
     field = "H" if points[0].c is None else "c"
     surfaces = [(shape.mesh, shape.x, fields_of(shape)[field]) for shape in points]

@@ -103,6 +103,7 @@ class Recorder:
         self._rows, self._frames = known["rows"], known["frames"]
         self._rejected_steps, self._last_frame = known["rejected_steps"], known["last_frame"]
         self.first, self.first_amount = checkpoint.solution.saved[0], known["first_amount"]
+        self._folder.go_on_from(checkpoint.path)
         self._folder.keep(self._frames, self._rows)
 
     def finish(self, state: State) -> None:

@@ -55,12 +55,11 @@ def resume_case(
     ```
     """
     began = time.perf_counter()
-    path = pathlib.Path(out)
-    if not (path / "case.toml").is_file():
-        raise RunFolderError(f"`{path}` holds no run to go on with: it has no `case.toml`.")
-    with RunFolder(path, "resume") as folder:
+    with open_resumed(out, "run") as folder:
+        checkpoint = checkpoint_of(
+            folder, "run", lambda: folder.read_checkpoint(lambda found: _check(folder, found))
+        )
         case = load_case(folder.path / "case.toml", "run")
-        checkpoint = _checkpoint(folder)
         longer = _extended(case, t1, max_steps)
         ended = _ended(folder, checkpoint, longer != case)
         if ended is not None:
@@ -82,17 +81,51 @@ def resume_case(
             raise RunFolderError(f"`{folder.path}` cannot go on: {error}") from error
 
 
-def _checkpoint(folder: RunFolder) -> Checkpoint:
+def open_resumed(out: str | os.PathLike[str], command: str) -> RunFolder:
+    """The folder of a run that is to go on.
+
+    **Raises:** `RunFolderError` where there is none.
+    """
+    path = pathlib.Path(out)
+    if not (path / "case.toml").is_file():
+        raise RunFolderError(f"`{path}` holds no {command} to go on with: it has no `case.toml`.")
+    return RunFolder(path, "resume")
+
+
+def checkpoint_of(folder: RunFolder, command: str, read: Callable[[], Any]) -> Any:
+    """What `read` finds in a folder.
+
+    **Raises:** `RunFolderError` where there is none that can be used, with what to do.
+    """
+    where = folder.path
+    again = f"jaxwillmore {command} {where / 'case.toml'} --out {where} --replace"
     try:
-        return folder.read_checkpoint()
+        return read()
     except FileNotFoundError:
-        where = folder.path
         raise RunFolderError(
-            f"`{where}` holds no checkpoint to go on from: the run had not begun its first step. "
-            f"Start it again: jaxwillmore run {where / 'case.toml'} --out {where} --replace"
+            f"`{where}` holds no checkpoint to go on from: the {command} had not begun its first "
+            f"step. Start it again: {again}"
         ) from None
     except SolutionError as error:
-        raise RunFolderError(f"{error} The one before it does not help either.") from error
+        raise RunFolderError(f"{error} To start it again: {again}") from error
+
+
+def _check(folder: RunFolder, found: Checkpoint) -> None:
+    """Whether a checkpoint, and what was written beside it, are those of this folder.
+
+    **Raises:** `ValueError`.
+    """
+    known, solution = found.metadata, found.solution
+    names = {"frames": int, "rows": int, "rejected_steps": int, "last_frame": float | int}
+    wrong = [name for name, kind in names.items() if not isinstance(known.get(name), kind)]
+    if wrong or "first_amount" not in known or not solution.saved:
+        raise ValueError(f"it does not say where its run stood ({', '.join(wrong)}).")
+    if known["rows"] != len(solution.records) + 1:
+        raise ValueError(
+            f"it was written after {known['rows']} rows of history, and its run has "
+            f"{len(solution.records)} steps."
+        )
+    folder.check_kept(known["frames"], known["rows"])
 
 
 def _extended(case: Case, t1: float | None, max_steps: int | None) -> Case:
@@ -117,11 +150,10 @@ def _ended(folder: RunFolder, checkpoint: Checkpoint, is_longer: bool) -> CaseRu
     result = name_of(checkpoint.solution.result)
     if result == INTERRUPTED or (is_longer and result in ("reached_t1", "step_limit")):
         return None
-    try:
-        summary = json.loads((folder.path / "summary.json").read_text(encoding="utf-8"))
-        status = summary["status"]
-    except (FileNotFoundError, ValueError, KeyError, TypeError):  # killed while it was written
+    summary = summary_in(folder)
+    if summary is None:
         return None
+    status = summary["status"]
     how = {
         "reached_t1": "; a larger `t1` lets it go further",
         "step_limit": "; a larger `max_steps` lets it go on",
@@ -129,3 +161,12 @@ def _ended(folder: RunFolder, checkpoint: Checkpoint, is_longer: bool) -> CaseRu
     words = f"the run had ended ({status}), and nothing was computed{how.get(status, '')}"
     notes = [*summary.get("notes", ()), words]
     return CaseRun(folder.path, summary | {"notes": notes}, checkpoint.solution)
+
+
+def summary_in(folder: RunFolder) -> dict[str, Any] | None:
+    """The summary of a run that has ended; `None` where it was killed before that was written."""
+    try:
+        summary = json.loads((folder.path / "summary.json").read_text(encoding="utf-8"))
+        return summary if isinstance(summary["status"], str) else None
+    except (FileNotFoundError, ValueError, KeyError, TypeError):
+        return None
