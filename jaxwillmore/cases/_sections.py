@@ -167,6 +167,7 @@ class TimeCase:
     stop_when_stationary: float = declare(
         number("stop below this part of the velocity scale; 0: never", at_least=0.0), 1e-6
     )
+    self_contact: bool = declare(flag("stop where triangles pierce each other"), False)
     max_steps: int = declare(integer("stop after as many steps", 1), 10_000)
 
     def __post_init__(self):

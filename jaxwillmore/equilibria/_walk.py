@@ -9,7 +9,7 @@ import numpy as np
 
 from .._interrupts import interrupted
 from .._observers import asks_to_stop
-from ..mesh import check_surface
+from ..mesh import self_intersections
 from ._diagnostics import mesh_health
 from ._equilibrium import LARGEST_STEP
 from ._events import BranchEvent, Step, event_at, events_of
@@ -152,7 +152,7 @@ class Walk:
         x = r.positions(system.unpack(solved.unknowns)[0])
         if not mesh_health(r.mesh, x).is_sound:
             return BRANCH_RESULTS.resolution_lost
-        if self.settings["self_contact"] and _pierces(r.mesh, x):
+        if self.settings["self_contact"] and self_intersections(r.mesh, x):
             return BRANCH_RESULTS.self_contact
         stats = {"newton_iterations": int(solved.iterations)}
         point = finished(
@@ -255,11 +255,3 @@ def _row(point: Equilibrium, parameter: str, value: float, iterations: int, step
         row["chemical_potential"] = float(point.chemical_potential)
         row["mean"] = float(point.mean_concentration)
     return {parameter: value} | row
-
-
-def _pierces(mesh, x) -> bool:
-    """Whether flat triangles between the vertices pierce each other."""
-    triangles = np.asarray(mesh.triangles)
-    vertices = np.asarray(x)[: triangles.max() + 1]
-    report = check_surface(vertices, triangles)
-    return any(finding.kind == "self_intersections" for finding in report.findings)

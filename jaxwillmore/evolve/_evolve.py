@@ -48,6 +48,7 @@ def evolve(
     scheme: str = "implicit",
     rtol: float | None = 1e-3,
     stationary_tolerance: float | None = None,
+    self_contact: bool = False,
     saveat: float | Sequence[float] | None = None,
     max_steps: int = 10_000,
     throw: bool = True,
@@ -62,9 +63,11 @@ def evolve(
 ) -> Solution:
     r"""Run a flow from `t0` to `t1` with implicit steps of variable size.
 
-    Steps are accepted when the nonlinear solve converged, no triangle turned over, the energy of
-    the nodes did not rise, and the local error estimate is below `rtol`; otherwise they are
-    repeated with a smaller step. A run that cannot go on keeps its last good state and says why.
+    Steps are accepted when the nonlinear solve converged, no triangle turned over, the normal
+    field kept its length, the energy of the nodes did not rise, and the local error estimate is
+    below `rtol`; otherwise they are repeated with a smaller step. A run that cannot go on keeps its
+    last good state and says why. Where the flow itself ends, because the surface vanishes, pinches
+    off or touches itself, the result says so, and `stats["singular_time"]` is the time.
 
     **Arguments:**
 
@@ -80,6 +83,8 @@ def evolve(
       that keeps the order.
     - `stationary_tolerance`: stop when `max|V|` is below this multiple of the velocity scale of
       the law, and the flux of a concentration below that of its scale; `None` runs to `t1`.
+    - `self_contact`: stop where triangles of the surface pierce each other, which is looked for
+      after every step.
     - `saveat`: interval between, or list of, times at which states are saved; the states are
       interpolated to the order of the scheme and steps are not shortened for them.
     - `throw`: raise `RuntimeError` when the run stops before `t1` without being stationary.
@@ -140,6 +145,7 @@ def evolve(
         "scheme": scheme,
         "rtol": rtol,
         "stationary_tolerance": stationary_tolerance,
+        "self_contact": self_contact,
         "energy_tolerance": energy_tolerance,
         "newton_tolerance": newton_tolerance,
         "linear_solver": linear_solver,
@@ -172,6 +178,7 @@ def evolve(
         schedule=graded_times(t0, t1, dt0, bdf_order, time_scale) if rtol is None else None,
         order=bdf_order,
         stationary_tolerance=stationary_tolerance,
+        self_contact=self_contact,
         max_steps=max_steps,
         saver=Saver(stepper, times, bdf_order),
         observer=_observers(observer, progress_meter, t1),

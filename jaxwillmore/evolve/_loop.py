@@ -11,12 +11,14 @@ import optimistix as optx
 from jaxtyping import Array
 
 from .._observers import asks_to_stop
+from ..mesh import self_intersections
 from ._adaptive import Controller
 from ._checkpoints import Checkpoints, Pace
 from ._continuation import Continuation, Origin
 from ._host_step import HostStep
 from ._record import diagnostics
 from ._save import Saver
+from ._singular import NORMAL_LOST, explained, has_vanished
 from ._solution import ENDS, RESULTS, Solution, State
 from ._stepper import Attempt, History, Stepper, weights
 from ._whole import check_fits
@@ -24,6 +26,8 @@ from ._whole import check_fits
 # Accepted rises of the energy may add up to this multiple of the tolerance for one step. A relaxed
 # equilibrium is not the minimiser of a discrete energy and may settle slightly above the least one.
 CREEP = 300.0
+# The time of a contact is found to this part of the time that has passed.
+CONTACT_TIME = 1e-3
 
 
 # Compiled together with nothing else: each is a dozen operations.
@@ -54,6 +58,7 @@ class Loop:
         schedule: list[float] | None,
         order: int,
         stationary_tolerance: float | None,
+        self_contact: bool,
         max_steps: int,
         saver: Saver,
         observer: Callable[[dict[str, float | int], State], object] | None,
@@ -64,6 +69,7 @@ class Loop:
         self.stepper, self.advance, self.controller = stepper, advance, controller
         self.schedule, self.order = schedule, order
         self.stationary_tolerance, self.max_steps = stationary_tolerance, max_steps
+        self.self_contact = self_contact
         self.saver, self.observer, self.on_save = saver, observer, on_save
         self.pace, self.origin = Pace(checkpoints), origin
         self.depth, self.rejections = max(order + 1, 3), 0
@@ -119,6 +125,11 @@ class Loop:
             result = self._limits(self.state.t, t1, interrupted())
             if result is None:
                 result = self._attempt(t1)
+        result, singular = explained(result, self.stepper.problem.flow, self.times[0], self.records)
+        if bool(result == RESULTS.contact):
+            singular = self.state.t + self.dt
+        if singular is not None:
+            self.stats["singular_time"] = singular
         return self._solution(result)
 
     def _attempt(self, t1: float) -> RESULTS | None:
@@ -130,11 +141,14 @@ class Loop:
         record = self._record(attempt, t)
         reason, factor = self._judge(attempt, record, self.energy)
         self._count(attempt)
+        if reason is None and self._touches(attempt):
+            reason, factor = RESULTS.contact, 0.5
         if reason is not None:
             self.rejections += 1
             self.stats["rejected_steps"] += 1
             self.dt = dt * factor
-            if self.schedule is not None or self.dt < self.controller.smallest:
+            located = CONTACT_TIME * (t - self.times[0]) if reason == RESULTS.contact else 0.0
+            if self.schedule is not None or self.dt < max(self.controller.smallest, located):
                 return reason
             return None
         self.history = _push(self.history, jnp.asarray(t), attempt)
@@ -153,6 +167,8 @@ class Loop:
         )
         if stopped:
             return RESULTS.stopped
+        if has_vanished(self.records):
+            return RESULTS.vanished
         if self._is_stationary(record):
             return RESULTS.stationary
         self.pace.step(self._so_far)
@@ -226,12 +242,17 @@ class Loop:
             return RESULTS.step_too_small, 0.25
         if record.get("alignment", 1.0) <= 0:
             return RESULTS.element_inverted, 0.5
+        if record.get("normal_length_defect", 0.0) > NORMAL_LOST:
+            return RESULTS.resolution_lost, 0.5
         rise = self.controller.energy_tolerance * self._reference()
         if record["energy"] > energy + rise or record["energy"] > self.least + CREEP * rise:
             return RESULTS.energy_rising, 0.5
         if self.schedule is None and float(attempt.error) > self.controller.rtol:
             return RESULTS.step_too_small, 0.5
         return None, 1.0
+
+    def _touches(self, attempt: Attempt) -> bool:
+        return self.self_contact and self_intersections(self.stepper.problem.mesh, attempt.x) > 0
 
     def _reference(self) -> float:
         r"""What a change of the energy is relative to: $\max(S, S_0/10)$, $S = \sum_i |E_i|$.

@@ -30,6 +30,23 @@ class RESULTS(eqx.Enumeration):
         "The energy of the surface rises, at every step size tried. The mesh does not resolve the "
         "surface any more, or the initial fields do not belong to it."
     )
+    resolution_lost = (
+        "The normal field loses its unit length, at every step size tried: the mesh does not "
+        "resolve the curvature of the surface any more. Refine it, or look at the last state."
+    )
+    vanished = (
+        "The surface has shrunk to a point, where the flow ends; `singular_time` is when, as the "
+        "last steps tell it."
+    )
+    pinching = (
+        "A neck, a handle or a tip pinches off: its curvature grows without bound, and the flow "
+        "itself is singular at about `singular_time`. No smaller step and no finer mesh goes on "
+        "from there; the last state is the last good one."
+    )
+    contact = (
+        "The surface touches itself at about `singular_time`. The last state is the last one that "
+        "does not; what comes after would need a force between its parts."
+    )
     step_limit = "The maximum number of steps was reached; raise `max_steps`."
     stopped = "The observer asked to stop."
     interrupted = "The run was interrupted. The last state is complete; the run can be resumed."
@@ -41,7 +58,8 @@ SUCCESSES = (RESULTS.reached_t1, RESULTS.stationary)
 # After these another step would be what the last attempts were.
 ENDS = (
     *(RESULTS.stationary, RESULTS.step_too_small, RESULTS.not_finite),
-    *(RESULTS.element_inverted, RESULTS.energy_rising),
+    *(RESULTS.element_inverted, RESULTS.energy_rising, RESULTS.resolution_lost),
+    *(RESULTS.vanished, RESULTS.pinching, RESULTS.contact),
 )
 
 
@@ -69,6 +87,10 @@ _NAMES = (
     "not_finite",
     "element_inverted",
     "energy_rising",
+    "resolution_lost",
+    "vanished",
+    "pinching",
+    "contact",
     "step_limit",
     "stopped",
     "interrupted",

@@ -5,7 +5,12 @@ import jax.numpy as jnp
 
 from ..energies import willmore_of_field
 from ..fem import integrate, integrate_by_cell
-from ..surface import area, recover_mean_curvature, recover_normal
+from ..surface import (
+    area,
+    nodal_weingarten_squared,
+    recover_mean_curvature,
+    recover_normal,
+)
 from ._law import Field, Whole
 
 
@@ -49,7 +54,7 @@ def geometry_record(s: Whole):
 
     `normal_length_defect` is $\max||\nu_h| - 1|$ over the nodes, `normal_distance` the relative L²
     distance of $\nu_h$ from the element normals, `alignment` the least mean of $n_\Gamma\cdot\nu_h$
-    over a cell, negative where a cell has turned over.
+    over a cell, negative where a cell has turned over, `max_curvature` the largest $|A|$ at a node.
     """
     nu, H = s.fields["nu"], s.fields["H"]
     density = lambda p, f: jnp.sum((f.nu.value - p.normal) ** 2)
@@ -58,6 +63,7 @@ def geometry_record(s: Whole):
         "willmore_of_field": willmore_of_field(s.mesh, s.x, H),
         "normal_length_defect": jnp.max(jnp.abs(jnp.linalg.norm(nu, axis=1) - 1)),
         "normal_distance": jnp.sqrt(distance / area(s.mesh, s.x)),
+        "max_curvature": jnp.sqrt(jnp.max(nodal_weingarten_squared(s.mesh, s.x, nu))),
         "alignment": jnp.min(alignment(s.mesh, s.x, nu)),
     }
 

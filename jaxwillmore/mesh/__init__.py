@@ -12,6 +12,7 @@ from ._generators import (
     red_cell as red_cell,
     torus as torus,
 )
+from ._intersections import self_intersections as self_intersections
 from ._quality import Quality as Quality, quality as quality
 from ._refine import (
     prolongate as prolongate,

@@ -1,10 +1,11 @@
 """Do triangles of a surface pierce each other; is one closed surface inside another."""
 
 import numpy as np
-from jaxtyping import Bool, Float, Int
+from jaxtyping import Array, Bool, Float, Int
 from scipy.spatial import KDTree
 
 from ._adjacency import Triangles
+from ._surface_mesh import SurfaceMesh
 
 _CHUNK = 200_000  # pairs tested at once, which keeps the work arrays below 100 MB
 
@@ -29,6 +30,12 @@ def piercing_faces(
         found[one[hit]] = True
         found[other[hit]] = True
     return np.flatnonzero(found)
+
+
+def self_intersections(mesh: SurfaceMesh, x: Float[Array | np.ndarray, "nodes 3"]) -> int:
+    """How many flat triangles between the vertices pierce another one, or are pierced."""
+    vertices = np.asarray(x, dtype=np.float64)[: mesh.n_vertices]
+    return len(piercing_faces(np.asarray(mesh.triangles), vertices))
 
 
 def _near_pairs(corners):

@@ -1,0 +1,72 @@
+"""Runs that end where the flow itself ends: points, pinches, contacts, with their times."""
+
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+from jaxwillmore import mesh as meshes
+from jaxwillmore.evolve import evolve, name_of
+from jaxwillmore.evolve._singular import order_of, singular_time
+from jaxwillmore.flows import MeanCurvatureFlow, MinimalDeformation, SurfaceDiffusion, System
+
+NECK = System(MeanCurvatureFlow(), MinimalDeformation())
+
+
+def test_the_order_of_a_law_is_that_of_its_time_scale():
+    assert order_of(System(MeanCurvatureFlow())) == pytest.approx(2, abs=1e-10)
+    assert order_of(System(SurfaceDiffusion())) == pytest.approx(4, abs=1e-10)
+
+
+@pytest.mark.parametrize("order", [2.0, 4.0])
+def test_the_time_of_a_blow_up_is_exact_for_its_own_power(order):
+    """(T − t)^(−1/p), to the last digits of T − t and with another behaviour before."""
+    T, left = 3.7, np.geomspace(1.0, 1e-9, 60)
+    k = np.where(left < 1e-4, left ** (-1 / order), 1.0)
+    records = [{"t": T - s, "max_curvature": size} for s, size in zip(left, k, strict=True)]
+    found = singular_time(order, records)
+    assert found == pytest.approx(T, abs=1e-13)
+    assert singular_time(order, records[:3]) is None
+    falling = [r | {"max_curvature": 1 / r["max_curvature"]} for r in records]
+    assert singular_time(order, falling) is None
+
+
+def test_a_sphere_vanishes_when_its_radius_does():
+    """R² = 1 − 4t under V = −H: at t = 1/4, less 1 % on 42 nodes, and the error of large steps."""
+    mesh, x = meshes.icosphere(0, 2)
+    found = evolve(MeanCurvatureFlow(), mesh, x, t1=1.0, rtol=3e-3, throw=False)
+    assert name_of(found.result) == "vanished" and not found.succeeded
+    assert found.stats["singular_time"] == pytest.approx(0.25, rel=0.03)
+    assert found.state.t < found.stats["singular_time"]
+    assert np.all(np.isfinite(found.state.x))
+
+
+def test_a_surface_through_itself_is_a_contact_from_the_start():
+    mesh, x = meshes.from_sphere_map(lambda p: p * jnp.array([1.0, 1.0, 0.5]), 1, 2)
+    middle = np.asarray(x[:, 0] ** 2 + x[:, 1] ** 2)
+    crossed = x * jnp.stack([jnp.ones(len(x)), jnp.ones(len(x)), middle - 0.2], axis=1)
+    for stops, end in ((False, "step_limit"), (True, "contact")):
+        found = evolve(
+            MeanCurvatureFlow(),
+            mesh,
+            crossed,
+            t1=1.0,
+            self_contact=stops,
+            max_steps=1,
+            throw=False,
+            dt0=1e-7,
+        )
+        assert name_of(found.result) == end
+        assert found.stats["steps"] == 1 - stops
+
+
+@pytest.mark.slow
+def test_a_neck_pinches_at_the_time_of_a_finer_mesh():
+    """A dumbbell under mean curvature flow; the state that is left is still one surface."""
+    times = []
+    for level in (2, 3):
+        mesh, x = meshes.dumbbell(level=level, degree=2, neck=0.2)
+        found = evolve(NECK, mesh, x, t1=1.0, throw=False)
+        assert name_of(found.result) == "pinching"
+        assert np.all(np.isfinite(found.state.x))
+        times.append(found.stats["singular_time"])
+    assert times[0] == pytest.approx(times[1], rel=0.03)
