@@ -304,6 +304,12 @@ class RunFolder:
             raise RunFolderError(f"`{self.path}` cannot go on: {error}") from error
         self._forget(later)
 
+    def mend_history(self) -> None:
+        """Cut off a line of history that a kill left unfinished, which would spoil the next."""
+        path = self.path / "history.csv"
+        if path.exists():
+            self.history.keep(len(read_history(path)))
+
     def keep_branch(self, rows: Sequence[dict[str, Any]]) -> list[int]:
         """Let the table of a branch have these rows, and forget later shapes and what a branch
         leaves at its end; the numbers of shapes that are missing."""

@@ -42,7 +42,8 @@ def run_fit(
 ) -> FitRun:
     """Fit, and leave case, history, iterate, surfaces, summary and pictures in a folder.
 
-    `iterate.json` is written after every step. With `existing="resume"` a fit goes on from it.
+    `iterate.json` is written after every step. With `existing="resume"` a fit goes on from it, with
+    the steps of `history.csv` counted from zero again; after a kill, too.
     Ctrl-C or SIGTERM end the fit after the step in progress, a second signal at once.
 
     **Raises:** `CaseError` for a case that makes no sense; `RunFolderError` for a folder that
@@ -56,6 +57,7 @@ def run_fit(
     stored = stored_fit(task)
     with open_folder(out, existing) as folder:
         stored.write(folder)
+        folder.mend_history()
         try:
             summary = METHODS[task.fit.method](
                 task, targets, folder, existing == "resume", progress

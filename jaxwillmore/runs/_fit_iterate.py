@@ -24,6 +24,7 @@ def read_iterate(folder: RunFolder, read):
     try:
         return read(json.loads(path.read_text(encoding="utf-8")))
     except FileNotFoundError:
-        raise CaseError(f"there is no fit to resume: `{path}` does not exist.") from None
-    except ValueError as error:
+        words = "does not exist. Start it again with --replace in place of --resume."
+        raise CaseError(f"there is no fit to resume: `{path}` {words}") from None
+    except (ValueError, RecursionError) as error:
         raise CaseError(f"`{path}` cannot be read: {error}") from error

@@ -271,3 +271,31 @@ def test_a_full_disk_leaves_no_lock_and_nothing_open(tmp_path, monkeypatch, fail
             folder.write_text("case.toml", "[surface]\n")
     assert len(os.listdir("/proc/self/fd")) == len(before)
     assert not (tmp_path / "out" / ".lock").exists()
+
+
+def test_a_line_that_a_kill_cut_short_does_not_spoil_the_next(tmp_path):
+    for torn, rows in (("1,0.", 1), ("", 1), ("step,cos", 0)):
+        folder = RunFolder(tmp_path / f"out{rows}{torn}")
+        folder.append_history({"step": 0, "cost": 2.0})
+        path = folder.path / "history.csv"
+        text = path.read_text(encoding="utf-8") if rows else ""
+        path.write_text(text + torn, encoding="utf-8")
+        folder.mend_history()
+        folder.append_history({"step": 1, "cost": 1.0})
+        assert [row["step"] for row in read_history(path)] == ([0, 1] if rows else [1])
+        folder.close()
+
+
+def test_a_branch_is_brought_back_to_its_checkpoint(tmp_path):
+    """Later shapes go, lost ones are named, and what others wrote stays."""
+    rows = [{"point": number, "energy": 1.0 + number} for number in range(3)]
+    with RunFolder(tmp_path / "out") as folder:
+        for number in (0, 2, 3, 4):
+            folder.write_shape(number, *icosphere(0, 1))
+        folder.write_summary({})
+        (folder.path / "shapes" / "mine.npz").write_bytes(b"")
+        assert folder.keep_branch(rows) == [1]
+        left = {path.name for path in (folder.path / "shapes").iterdir()}
+        assert left == {"shape_000000.npz", "shape_000002.npz", "mine.npz"}
+        assert read_history(folder.path / "branch.csv") == rows
+        assert not (folder.path / "summary.json").exists()
