@@ -19,10 +19,12 @@ from ._identify import NO_SOLUTION, Identification
 from ._parameters import AbstractRange, Between, Positive, Unbounded
 from ._phase_matcher import RESOLUTION, PhaseMatcher, near, placed
 from ._phase_residuals import MEAN, REDUCED_VOLUME, Build, PhaseResiduals, observed_phases
+from ._phase_verdict import judged_phases
 from ._pose import Pose
 from ._results import RESULTS, message, name_of
 from ._shape_residuals import Model, bare
 from ._targets import checked_surface, target as prepared
+from ._verdict import Verdict, judged
 
 SCALE_IS_INVISIBLE = (
     "A shape at rest shows ratios of moduli, line tension and forces only: the scale of the energy "
@@ -46,6 +48,7 @@ class PhaseFit:
     - `residuals`, `u`, `jacobian`: the problem on its last reference, its solution, and the
       derivative there.
     - `history`, `result`, `stats`: accepted steps, why it ended, what it cost.
+    - `verdict`: whether the model explains shape and concentration.
     """
 
     parameters: dict[str, float]
@@ -62,6 +65,7 @@ class PhaseFit:
     history: tuple[dict[str, float], ...]
     result: RESULTS
     stats: dict[str, Any]
+    verdict: Verdict
 
     @property
     def succeeded(self) -> bool:
@@ -72,7 +76,7 @@ class PhaseFit:
         """What shape and concentration do not tell, one sentence each."""
         if not np.isfinite(self.rms):
             return (NO_SOLUTION,)
-        return (SCALE_IS_INVISIBLE, *self.identification.in_words())
+        return (self.verdict.sentence, SCALE_IS_INVISIBLE, *self.identification.in_words())
 
 
 def match_phases(
@@ -138,7 +142,7 @@ def match_phases(
     fit = jw.fit.match_phases(
         build, (mesh, x, c), shape, start={"line_tension": 2.0, "contrast": 0.5}
     )
-    fit.parameters, fit.identification.intervals()
+    fit.verdict.word, fit.parameters, fit.identification.intervals()
     ```
     """
     began = time.perf_counter()
@@ -182,8 +186,7 @@ def match_phases(
             rows = 2 * len(surface.points)
             nothing = np.zeros(rows), np.zeros((rows, len(u)))
             descent = Descent(u, *nothing, 0.0, RESULTS.model_failed, 0, solved=False)
-    variance = None if noise is None else (noise[0] / unit) ** 2
-    fit = _finished(matcher, descent, variance, rank_tolerance, began)
+    fit = _finished(matcher, descent, seen, noise, rank_tolerance, began)
     if throw and not (fit.succeeded or bool(fit.result == RESULTS.stopped)):
         raise RuntimeError(f"No fit ({name_of(fit.result)}): {message(fit.result)}")
     return fit
@@ -225,8 +228,11 @@ def _kept(build: Build, values, model: Equilibrium) -> Equilibrium:
     return model
 
 
-def _finished(matcher: PhaseMatcher, descent: Descent, variance, rank_tolerance, began) -> PhaseFit:
+def _finished(
+    matcher: PhaseMatcher, descent: Descent, seen, noise, rank_tolerance, began
+) -> PhaseFit:
     residuals, target, lost = matcher.residuals, matcher.target, not descent.solved
+    variance = None if noise is None else float((noise[0] / residuals.unit) ** 2)
     end = concluded(
         residuals,
         descent,
@@ -246,6 +252,11 @@ def _finished(matcher: PhaseMatcher, descent: Descent, variance, rank_tolerance,
     assert c is not None
     sizes = [float(np.linalg.norm(part)) for part in np.split(end.residuals, 2)]
     unit_c = float(residuals.unit_c) / np.sqrt(target.count)
+    known = end.identification.identifiable
+    if lost:
+        verdict = judged((), (), end.result, known, None)
+    else:
+        verdict = judged_phases(target, seen, (shape.mesh, x, c), end.result, known, noise)
     stats = {
         "steps": matcher.steps,
         "stages": matcher.stages,
@@ -266,4 +277,5 @@ def _finished(matcher: PhaseMatcher, descent: Descent, variance, rank_tolerance,
         history=tuple(matcher.history),
         result=end.result,
         stats=stats,
+        verdict=verdict,
     )

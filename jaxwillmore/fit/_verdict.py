@@ -42,7 +42,8 @@ class Verdict:
       $R_0$; `size`, the radius of the model over that of the target; `correlation` of the distances
       of neighbouring nodes, 0 for independent errors and 1 for a systematic difference; `shared`,
       the part of the rms that neighbours share, over $R_0$; `resolution`, what the triangles of
-      the target hide of it; `chi_squared` over its degrees of freedom where the noise is known.
+      the target hide of it; `chi_squared` over its degrees of freedom where the noise is known;
+      `next`, of several starts, the rms of the next minimum over that of this one.
     """
 
     word: str
@@ -147,11 +148,9 @@ def _misfit_in_words(worst: dict[str, float], noise: float | None) -> str:
 def _evidence(target: Target, shape, noise: float | None) -> dict[str, float]:
     R0 = float(target.radius)
     d = shape.residual
-    edges, h = _edges(target)
-    correlation = _correlation(d, edges)
-    # What chance makes of independent errors is not shared.
-    sure = max(correlation - CHANCE / float(np.sqrt(len(edges))), 0.0)
+    correlation, edges = correlation_of(target, d)
     rms = shape.distances["rms"]
+    h = _length(target)
     resolution = (h / R0) ** 2 / 8 if target.mesh.degree == 1 else 0.0
     found = {
         "rms": rms / R0,
@@ -159,7 +158,7 @@ def _evidence(target: Target, shape, noise: float | None) -> dict[str, float]:
         "largest_back": shape.distances["largest_back"] / R0,
         "size": float(area_radius(shape.mesh, shape.x)) / R0,
         "correlation": correlation,
-        "shared": rms / R0 * float(np.sqrt(sure)),
+        "shared": surely_shared(rms / R0, correlation, edges),
         "resolution": resolution,
     }
     if noise is not None:
@@ -169,16 +168,29 @@ def _evidence(target: Target, shape, noise: float | None) -> dict[str, float]:
     return found
 
 
+def surely_shared(rms: float, correlation: float, edges: int) -> float:
+    """The part of differences that neighbours share: what chance makes of independent errors is
+    not shared.
+    """
+    return rms * float(np.sqrt(max(correlation - CHANCE / float(np.sqrt(edges)), 0.0)))
+
+
+def correlation_of(target: Target, d: Float[np.ndarray, " nodes"]) -> tuple[float, int]:
+    """Correlation of a field at the two ends of an edge of a target, and the number of edges."""
+    edges = _edges(target)
+    square = float(np.mean(d[edges] ** 2))
+    product = float(np.mean(d[edges[:, 0]] * d[edges[:, 1]]))
+    return (product / square if square > 0 else 0.0), len(edges)
+
+
 def _edges(target: Target):
-    """Pairs of neighbouring vertices, and the mean length between them."""
+    """Pairs of neighbouring vertices."""
     corners = np.asarray(target.mesh.triangles)
     edges = np.concatenate([corners[:, [0, 1]], corners[:, [1, 2]], corners[:, [2, 0]]])
-    edges = edges[edges[:, 0] < edges[:, 1]]  # each once
-    x = np.asarray(target.x)
-    return edges, float(np.mean(np.linalg.norm(x[edges[:, 0]] - x[edges[:, 1]], axis=1)))
+    return edges[edges[:, 0] < edges[:, 1]]  # each once
 
 
-def _correlation(d: Float[np.ndarray, " nodes"], edges) -> float:
-    """Of the distances at the two ends of an edge."""
-    square = float(np.mean(d[edges] ** 2))
-    return float(np.mean(d[edges[:, 0]] * d[edges[:, 1]])) / square if square > 0 else 0.0
+def _length(target: Target) -> float:
+    """Mean length of an edge."""
+    x, edges = np.asarray(target.x), _edges(target)
+    return float(np.mean(np.linalg.norm(x[edges[:, 0]] - x[edges[:, 1]], axis=1)))

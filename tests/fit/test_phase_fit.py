@@ -53,7 +53,8 @@ def test_a_twin_is_found_from_half_the_values(model, twin):
     for name, value in TRUTH.items():
         np.testing.assert_allclose(fit.parameters[name], value, rtol=1e-6)
     assert fit.rms < 1e-8 and fit.rms_concentration < 1e-8
-    assert "ratios" in fit.in_words()[0]
+    assert fit.verdict.word == "agrees" and fit.verdict.warnings == ()
+    assert fit.in_words()[0] == fit.verdict.sentence and "ratios" in fit.in_words()[1]
     # What is said of the solution belongs to the parameters found, not to those of the start.
     assert fit.solution is not None
     there = eqx.tree_at(lambda p: p.two_phase, model.parameters, energy(TRUTH))
@@ -100,7 +101,7 @@ def test_what_scales_everything_is_not_identifiable(model):
     fit = match_phases(scaled, seen, near, start=start, new_references=False, throw=False)
     assert name_of(fit.result) == "not_identifiable"
     assert fit.identification.rank == 1
-    assert "combination" in fit.in_words()[1]
+    assert "combination" in fit.in_words()[2]
 
 
 # 2. What is refused.

@@ -2,10 +2,12 @@
 
 import dataclasses
 
+import jax.numpy as jnp
 import numpy as np
 import pytest
 
 from jaxwillmore.fit import RESULTS
+from jaxwillmore.fit._phase_verdict import judged_phases
 from jaxwillmore.fit._targets import target
 from jaxwillmore.fit._verdict import judged, judged_forces
 from jaxwillmore.mesh import icosphere
@@ -88,3 +90,47 @@ def test_forces():
     assert judged_forces(0.01, known).word == "agrees"
     assert judged_forces(0.4, known).word == "misfit"
     assert judged_forces(0.01, {"pressure": False}).word == "undetermined"
+
+
+def interface(n, shift=0.0):
+    """A concentration with one interface of width 0.3 about the equator."""
+    return 1 / (1 + np.exp(-(np.asarray(n)[:, 2] - shift) / 0.3))
+
+
+def of_phases(error=0.0, *, shift=0.0, size=1.0, noise=None, known=KNOWN):
+    """Of a unit sphere with such a concentration beside a model of degree 2."""
+    mesh, x = icosphere(3, degree=1)
+    own, nodes = icosphere(2, degree=2)
+    c, there = jnp.asarray(interface(x) + error), jnp.asarray(interface(nodes, shift))
+    model = own, size * nodes, there
+    return judged_phases(target(mesh, x), c, model, RESULTS.converged, known, noise)
+
+
+C_NOISE = 0.02 * np.random.default_rng(4).standard_normal(642)
+
+
+def test_two_phases_agree_within_noise_that_is_known_or_not():
+    found = of_phases(C_NOISE)
+    assert found.word == "agrees" and found.evidence["shared_c"] == 0
+    assert found.evidence["rms_c"] == pytest.approx(0.02, rel=0.1)
+    found = of_phases(C_NOISE, noise=(0.01, 0.02))
+    assert found.word == "agrees"
+    assert found.evidence["chi_squared_c"] == pytest.approx(1.0, abs=0.2)
+
+
+def test_a_concentration_beyond_its_noise_is_a_misfit():
+    found = of_phases(C_NOISE, noise=(0.01, 0.01))
+    assert found.word == "misfit" and "concentration" in found.warnings[0]
+
+
+def test_an_interface_elsewhere_is_a_misfit_on_the_right_shape():
+    found = of_phases(C_NOISE, shift=0.1)
+    assert found.word == "misfit" and "neighbouring points share" in found.sentence
+    # Where it hardly moves nothing is said.
+    assert of_phases(shift=0.01).word == "agrees"
+
+
+def test_the_shape_of_two_phases_is_judged_first():
+    assert of_phases(C_NOISE, shift=0.1, size=1.3).word == "wrong size or pose"
+    assert of_phases(C_NOISE, known=KNOWN | {"line_tension": False}).word == "undetermined"
+    assert of_phases(shift=0.1, known=KNOWN | {"line_tension": False}).word == "misfit"
