@@ -188,6 +188,26 @@ def test_constant_fields_give_the_equations_of_willmore_flow(random):
     np.testing.assert_array_equal(q, 0.0)
 
 
+def test_the_modulus_of_the_law_is_twice_that_of_the_energy_and_so_is_its_gradient(random):
+    """b = 2 b_b in ∇U, g and the lower-order force of the equations of V and g."""
+    hat, trial, data = random.hat, random.trial, random.data
+    curvature = data.spontaneous_curvature
+    double = jax.tree.map(lambda a: 2 * a, data.bending_modulus)
+    chi = jets_of(random.flow.layout, jr.key(3))
+    Q = lower_order_force(hat, double, curvature) + data.forcing.value + trial.q.value
+    grad_U = potential_gradient(trial.H, double, curvature)
+    np.testing.assert_allclose(
+        random.equation("V", trial),
+        potential_velocity_equation(trial.V, grad_U, Q, chi.V),
+        rtol=1e-12,
+    )
+    np.testing.assert_allclose(
+        random.equation("g", trial),
+        potential_gradient_equation(trial.g, trial.nu, hat, double, curvature, chi.g),
+        rtol=1e-12,
+    )
+
+
 def test_a_force_stands_beside_q_in_both_equations(random):
     """Forces of `Loads` and `Forcing`, and the Gaussian force, are one number Q."""
 

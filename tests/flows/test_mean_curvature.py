@@ -1,10 +1,16 @@
-"""Mean curvature flow and its kin on spheres: exact radii."""
+"""Mean curvature flow and its kin: exact radii of spheres, and a law that is linear in H."""
 
+from types import SimpleNamespace
+
+import jax.numpy as jnp
 import numpy as np
 import pytest
 
 import jaxwillmore as jw
+from jaxwillmore.fem import Jet, point
 from jaxwillmore.flows import MeanCurvatureFlow
+
+from .systems import equation
 
 
 def inverse(H):
@@ -37,3 +43,17 @@ def test_spheres_keep_their_law(flow, t1, radius, scheme):
     assert (run.records[-1]["energy"] > run.records[0]["energy"]) == (radius > 1)
     R = np.sqrt(run.records[-1]["area"] / (4 * np.pi))
     assert abs(R - radius) < 4e-3 * abs(radius - 1) + 3e-4, (R, radius)
+
+
+@pytest.mark.parametrize("H", [2.0, 2.5, 1.0])
+def test_the_law_is_the_tangent_of_the_speed_at_the_frozen_curvature(H):
+    """V + F(Ĥ) + F'(Ĥ)(H − Ĥ) with F = H³ and Ĥ = 2: the step by H stays implicit."""
+
+    def scalar(value):
+        return Jet(jnp.asarray(value), jnp.zeros(3))
+
+    hat, trial = SimpleNamespace(H=scalar(2.0)), SimpleNamespace(H=scalar(H), V=scalar(0.7))
+    nothing, here = SimpleNamespace(), point(jnp.zeros(3), jnp.eye(3)[:, :2])
+    law = MeanCurvatureFlow(lambda H: H**3)
+    found = equation(law, "V", here, nothing, hat, trial, nothing, scalar(0.5))
+    np.testing.assert_allclose(found, (0.7 + 8.0 + 12.0 * (H - 2.0)) * 0.5, rtol=1e-14)

@@ -133,6 +133,26 @@ def test_exact_data_solve_the_equation(residuals, name):
     assert abs(np.log2(coarse / fine) - 4.0) < 0.5, (coarse, fine)
 
 
+def test_a_tangential_error_of_the_normal_is_no_mean_curvature():
+    """∫∇·(αχt) = 0 on a closed surface: the weight is inside, or ∇α·t would be left behind."""
+
+    @eqx.filter_jit
+    def change(mesh, x):
+        nu, fields = SURFACE.normal(x), test_functions(x)
+        along = fields["vector"] - jnp.sum(fields["vector"] * nu, axis=1, keepdims=True) * nu
+        fields |= {"nu": nu, "off": nu + along, "H": SURFACE.mean_curvature(x)}
+
+        def density(_, f):
+            off, on = (mean_curvature_consistency(f.H, n, f.alpha, f.chi) for n in (f.off, f.nu))
+            return jnp.stack([off - on, jnp.abs(inner(f.off.value, f.alpha.grad) * f.chi.value)])
+
+        found, size = integrate(mesh, x, density, fields)
+        return jnp.abs(found) / size
+
+    coarse, fine = (float(change(*ellipsoid(AXES, level, 2))) for level in (1, 2))
+    assert fine < 1e-3 and np.log2(coarse / fine) > 2.5, (coarse, fine)
+
+
 @pytest.mark.parametrize(
     "term",
     [
