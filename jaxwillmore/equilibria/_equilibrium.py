@@ -4,94 +4,23 @@ import time
 from collections.abc import Callable
 from typing import Any
 
-import equinox as eqx
 import jax.numpy as jnp
-import numpy as np
-import optimistix as optx
 from jaxtyping import Array, Float
 
 from .._arguments import double
-from .._interrupts import interrupted
 from .._machine import checked_memory
-from .._observers import asks_to_stop
 from ..energies import AbstractEnergy
-from ..linalg import EXACT
 from ..mesh import SurfaceMesh
-from ..surface import mean_curvature_vector
-from ._density import amount_of, area_and_volume
-from ._diagnostics import MIN_JACOBIAN, mesh_health
-from ._functional import Assessment, EquilibriumSystem, Reference, concentration
+from ._density import area_and_volume
 from ._memory import memory_estimate
-from ._parameters import Parameters, Units, moduli
-from ._reference import advanced, prepare, reference
+from ._parameters import Units
+from ._relax import Ended, Relaxation, relax
 from ._results import RESULTS, message, name_of
-from ._shape import Equilibrium, constant_path, finished
-from ._solve import Solved, newton_on_host
+from ._shape import Equilibrium, finished
 from ._symmetry import lost, symmetry
 from ._targets import checked_known, checked_start, targets
 
-FIRST_TAU = 1e-3
-SMALLEST_TAU = 1e-9
-GROWTH, SHRINKAGE = 3.0, 5.0
-# Largest displacement of a step, in units of the size of the surface.
-LARGEST_STEP = 0.12
-MAX_ITERATIONS = 12
-# A step that the next one corrects needs no more than this.
-LOOSE = 1e-3
-# Largest change of volume in a step.
-VOLUME_RAMP = 0.03
-SMALLEST_RAMP = 1e-4
-# Steps that would be smaller than this at a pseudo-time step of order one are worth a try without.
-NEARLY_SETTLED, SETTLED_TAU = 0.02, 0.3
-# Largest change of the mean concentration in a step.
-AMOUNT_RAMP = 0.03
-# A displacement smaller than this leaves the mesh of the reference as it is.
-SETTLED = 2e-4
 SEARCHES = "minimum", "stationary"
-# Discretisation error that a change of reference may show as a rise of the energy.
-RISE = 1e-3
-
-
-class Relaxation:
-    """Pseudo-time steps with changing reference surfaces, all dimensionless."""
-
-    def __init__(self, mesh, flags, tolerance: float, linear_solver: str):
-        self.mesh, self.flags = mesh, flags
-        self.tolerance, self.linear_solver = tolerance, linear_solver
-        self.rule, self.pattern = prepare(mesh)
-        self.iterations = 0
-
-    def reference(self, X, c=None) -> Reference:
-        """The reference surface with nodes `X`, which carry their concentration with them."""
-        return reference(self.mesh, self.rule, self.pattern, X, c)
-
-    def system(self, r: Reference, parameters: Parameters, inverse_tau=0.0) -> EquilibriumSystem:
-        area, volume = (jnp.asarray(flag) for flag in self.flags)
-        return EquilibriumSystem(
-            r,
-            parameters,
-            constant_path(r, parameters),
-            area,
-            volume,
-            jnp.asarray(inverse_tau, float),
-        )
-
-    def solve(
-        self,
-        system: EquilibriumSystem,
-        y,
-        g,
-        s=None,
-        *,
-        loose: bool = False,
-        most: int = MAX_ITERATIONS,
-    ) -> Solved:
-        """Newton's method from a start, at `most` iterations; to a few digits where `loose`."""
-        start = system.pack(jnp.zeros(y.shape[0]) if s is None else s, y, g)
-        tolerance, exact = (LOOSE, LOOSE) if loose else (self.tolerance, EXACT)
-        solved = newton_on_host(system, start, tolerance, most, self.linear_solver, exact)
-        self.iterations += int(solved.iterations)
-        return solved
 
 
 def equilibrium(
@@ -230,9 +159,16 @@ def equilibrium(
 
 
 def concluded(
-    relaxation: Relaxation, ended, X, units: Units, stability: bool, throw: bool, started, search
-):
-    """The equilibrium that a search `(system, solved, result, outer steps)` ended at.
+    relaxation: Relaxation,
+    ended: Ended,
+    X,
+    units: Units,
+    stability: bool,
+    throw: bool,
+    started: float,
+    search: str,
+) -> Equilibrium:
+    """The equilibrium that a search ended at.
 
     - `X`: the nodes that it started from, dimensionless.
 
@@ -252,143 +188,3 @@ def concluded(
     if throw and not (eq.succeeded or bool(result == RESULTS.stopped)):
         raise RuntimeError(f"No equilibrium ({name_of(result)}): {message(result)}")
     return eq
-
-
-def relax(
-    relaxation: Relaxation,
-    X,
-    target: Parameters,
-    max_outer: int,
-    observer,
-    c=None,
-    climbs: bool = False,
-):
-    """Pseudo-time steps from nodes `X` and a concentration to the final solve, dimensionless.
-
-    - `climbs`: begin with the final solve, and let it rise in energy.
-    """
-    mesh = relaxation.mesh
-    r = relaxation.reference(X, c)
-    y = _first_fields(r, target)
-    system = relaxation.system(r, target)
-    g, tau, rate = jnp.zeros(system.n_globals), FIRST_TAU, VOLUME_RAMP
-    held = _held(r)
-    result = RESULTS.not_settled
-    # The last accepted step: what is returned when nothing settles.
-    start = system.pack(jnp.zeros(len(X)), y, g)
-    untried = optx.RESULTS.nonlinear_max_steps_reached
-    best = system, Solved(start, jnp.asarray(jnp.inf), jnp.asarray(0), untried)
-    if climbs and _ramped(relaxation, held, target, rate)[2]:
-        final = settle(relaxation, system, y, g)
-        if final is not None:
-            return *final, RESULTS.converged, 0
-    for outer in range(1, max_outer + 1):
-        if interrupted():
-            return *best, RESULTS.interrupted, outer - 1
-        aim, ramping, arrived = _ramped(relaxation, held, target, rate)
-        system = relaxation.system(r, aim, 1 / tau)
-        solved = relaxation.solve(system, y, g, loose=True)
-        s, new_y, new_g = system.unpack(solved.unknowns)
-        found = system.assessed(solved.unknowns)
-        size = float(found.step)
-        fold = not mesh_health(mesh, found.nodes).min_jacobian > MIN_JACOBIAN
-        accepted = solved.converged and size < LARGEST_STEP and not fold
-        row = _row(system, solved, found, outer, tau, accepted)
-        if observer is not None and asks_to_stop(observer(row)):
-            return *((system, solved) if accepted else best), RESULTS.stopped, outer
-        if not accepted:
-            if ramping:
-                # With a shorter pseudo-time step the same volume would go into short waves.
-                rate, tau = rate / 2, max(tau / SHRINKAGE, FIRST_TAU)
-            else:
-                tau = tau / SHRINKAGE
-            if tau < SMALLEST_TAU or rate < SMALLEST_RAMP:
-                finite_ = bool(jnp.all(jnp.isfinite(solved.unknowns)))
-                result = RESULTS.element_inverted if fold else RESULTS.step_too_small
-                result = result if finite_ else RESULTS.not_finite
-                return *best, result, outer
-            continue
-        best = system, solved
-        r, y, g = relaxation.reference(advanced(r, s), concentration(new_y)), new_y, new_g
-        held = aim.volume, aim.amount
-        if arrived and size * max(1.0, SETTLED_TAU / tau) < NEARLY_SETTLED:
-            before = None if climbs else float(found.objective)
-            final = settle(relaxation, relaxation.system(r, target), y, g, before)
-            if final is not None:
-                return *final, RESULTS.converged, outer
-        tau, rate = tau * GROWTH, min(1.5 * rate, VOLUME_RAMP)
-    return *best, result, max_outer
-
-
-@eqx.filter_jit
-def _first_fields(r: Reference, target: Parameters):
-    """The moment of the nodes, and the concentration beside it if there is one."""
-    kappa, H0 = moduli(target, r.c)
-    if r.c is None:
-        return kappa * mean_curvature_vector(r.mesh, r.X) - kappa * H0 * r.n
-    kappa, H0 = (jnp.broadcast_to(m, r.c.shape)[:, None] for m in (kappa, H0))
-    y = kappa * (mean_curvature_vector(r.mesh, r.X) - H0 * r.n)
-    return jnp.concatenate([y, r.c[:, None]], axis=1)
-
-
-def _held(r: Reference):
-    """Volume and amount, which are ramped from those of the start to those that are held."""
-    volume = area_and_volume(r.mesh, r.rule, r.X)[1]
-    return volume, None if r.c is None else amount_of(r.mesh, r.rule, r.X, r.c)
-
-
-def _ramped(relaxation: Relaxation, held, target: Parameters, rate: float):
-    """Targets of a step, whether they are far from what is held now, and whether they are final."""
-    volume, amount = held
-    ramp = jnp.clip(target.volume, (1 - rate) * volume, (1 + rate) * volume)
-    aim = eqx.tree_at(lambda p: p.volume, target, ramp)
-    moved, arrived = jnp.abs(ramp / volume - 1), ramp == target.volume
-    if not relaxation.flags[1]:
-        moved, arrived = jnp.zeros(()), jnp.asarray(True)
-    if target.amount is not None:
-        most = rate * AMOUNT_RAMP / VOLUME_RAMP * target.area
-        ramp = jnp.clip(target.amount, amount - most, amount + most)
-        aim = eqx.tree_at(lambda p: p.amount, aim, ramp)
-        moved = jnp.maximum(moved, jnp.abs(ramp - amount) / target.area)
-        arrived = arrived & (ramp == target.amount)
-    return aim, bool(moved > SMALLEST_RAMP), bool(arrived)
-
-
-def settle(relaxation: Relaxation, system: EquilibriumSystem, y, g, before: float | None = None):
-    """Newton without pseudo-time, the reference following the shape until that stands still.
-
-    **Returns:** the system on the last reference and its solution; `None` if the solve fails,
-    strays, or (with `before`, the energy to start from) climbs.
-    """
-    found = None
-    for _ in range(4):
-        solved = relaxation.solve(system, y, g)
-        found = system, solved
-        s, y, g = system.unpack(solved.unknowns)
-        assessed = system.assessed(solved.unknowns)
-        if not solved.converged or float(assessed.step) > LARGEST_STEP:
-            return None
-        if before is not None:
-            after = float(assessed.objective)
-            # A rise beyond discretisation error means a saddle, which pseudo-time would leave.
-            if after > before + RISE * abs(before):
-                return None
-            before = after
-        if float(assessed.displacement) < SETTLED:
-            break
-        r = relaxation.reference(advanced(system.reference, s), concentration(y))
-        system = eqx.tree_at(lambda q: q.reference, system, r)
-    return found
-
-
-def _row(system, solved, found: Assessment, outer, tau, accepted) -> dict[str, float | int]:
-    p = system.parameters
-    return {
-        "step": outer,
-        "tau": tau,
-        "accepted": float(accepted),
-        "largest_displacement": float(found.step),
-        "newton_iterations": int(solved.iterations),
-        "energy_over_8pi_kappa": float(found.bending) / (8 * np.pi * float(p.bending_modulus)),
-        "volume": float(p.volume),
-    }

@@ -6,11 +6,11 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from ..linalg import HostMatrix
-from ._equilibrium import Relaxation, settle
 from ._functional import EquilibriumSystem, Path, Reference, concentration
 from ._line import line
 from ._parameters import Units
 from ._reference import advanced
+from ._relax import Relaxation, settle
 from ._shape import Equilibrium
 from ._solve import Solved, arrays_of, jacobian_of
 

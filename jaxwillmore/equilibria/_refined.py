@@ -5,9 +5,10 @@ import time
 from .._machine import checked_memory
 from ..mesh import prolongate, refine
 from ._density import PATH
-from ._equilibrium import Relaxation, concluded, relax, settle
+from ._equilibrium import concluded
 from ._functional import concentration
 from ._memory import memory_estimate
+from ._relax import Ended, Relaxation, relax, settle
 from ._results import RESULTS
 from ._shape import Equilibrium
 
@@ -61,6 +62,6 @@ def refined(
     if found is None:
         ended = relax(relaxation, X, target, max_outer, None, concentration(y))
     else:
-        ended = *found, RESULTS.converged, 0
+        ended = Ended(*found, RESULTS.converged, 0)
     search = equilibrium.stats.get("search", "stationary")
     return concluded(relaxation, ended, X, units, stability, throw, started, search)

@@ -5,11 +5,11 @@ import jax.numpy as jnp
 import numpy as np
 
 from ._density import PATH
-from ._equilibrium import settle
 from ._events import BranchEvent
 from ._follow import Follower
 from ._functional import Path, Reference, concentration
 from ._reference import advanced
+from ._relax import settle
 from ._results import RESULTS
 from ._shape import Equilibrium, finished
 

@@ -11,10 +11,10 @@ from .._interrupts import interrupted
 from .._observers import asks_to_stop
 from ..mesh import self_intersections
 from ._diagnostics import mesh_health
-from ._equilibrium import LARGEST_STEP
 from ._events import BranchEvent, Step, event_at, events_of
 from ._family import Branch, Continuation
 from ._follow import Follower
+from ._relax import LARGEST_STEP
 from ._results import BRANCH_RESULTS, RESULTS
 from ._shape import Equilibrium, finished
 

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from jaxwillmore import equilibria, mesh as meshes
-from jaxwillmore.equilibria._equilibrium import Relaxation, _ramped, settle
+from jaxwillmore.equilibria._relax import Relaxation, _ramped, settle
 from jaxwillmore.fem import integrate
 
 # E/(8πκ) of an axisymmetric spectral solver.
