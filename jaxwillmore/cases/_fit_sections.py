@@ -61,7 +61,8 @@ class ModelCase:
     name: ClassVar[str] = "model"
 
     kind: str = declare(
-        choice("family of shapes to start in", "prolate", "oblate", "several"), "prolate"
+        choice("family of shapes to start in", "prolate", "oblate", "stomatocyte", "several"),
+        "prolate",
     )
     level: int = declare(integer("refinement: 1, 2, 3 for 162, 642, 2562 nodes", 1, 5), 2)
     reduced_volume: float | None = declare(

@@ -15,11 +15,14 @@ from ._matcher import Matcher
 from ._misfit import AbstractMisfit, Harmonics, Points
 from ._results import RESULTS, message, name_of
 from ._shape_fit import MatchIterate, ShapeFit, matched
+from ._starts import BOWL, BOWL_BELOW, KINDS, OBLATE, PROLATE
 from ._targets import Target, checked_surface, target
-from ._unknowns import SHAPE_NAMES, unknowns
+from ._unknowns import SHAPE_NAMES, Unknowns, unknowns
 from ._verdict import judged
 
-SEVERAL, KINDS = "several", ("prolate", "oblate")
+SEVERAL = "several"
+# A start whose reduced volume is off by this much gets another one at that of the target.
+OWN_VOLUME = 0.02
 # A mean distance of this part of R0 is no fit at all.
 HOPELESS = 0.4
 
@@ -63,9 +66,11 @@ def match_shapes(
       $R_0$ of all targets, so that a shared one is one $H_0$.
     - `start`: values of free parameters to start from and of the others to hold. Left out: the
       reduced volume of each target, $H_0 = 0$.
-    - `kind`: `"prolate"` or `"oblate"`, the family of shapes to start in, or `"several"`: each of
-      them in turn, of which the nearest is returned and the others are told by `verdict` and
-      `stats["starts"]`.
+    - `kind`: `"prolate"`, `"oblate"` or `"stomatocyte"`, the family of shapes to start in, or
+      `"several"`: prolate and oblate, at the reduced volumes of the targets too where `start` has
+      another, and a stomatocyte where these are below 0.66. The nearest is returned; `verdict` and
+      `stats["starts"]` tell of the others, `verdict.evidence["next"]` how many times as far away
+      the next minimum is.
     - `bounds`: other bounds than (0.25, 0.997) for the reduced volume and (-10, 10) for $H_0R_0$.
     - `level`: refinement of the model: 162, 642, 2,562 nodes for 1, 2, 3.
     - `distance`: `"points"`, or `"harmonics"`: spherical harmonics of the radius about the centre
@@ -102,24 +107,52 @@ def match_shapes(
         raise ValueError("`targets` is empty; give at least one pair (mesh, x).")
     if tolerance <= 0 or max_steps < 1:
         raise ValueError("`tolerance` must be positive and `max_steps` at least 1.")
+    if kind not in (*KINDS, SEVERAL):
+        raise ValueError(f"`kind` must be one of {', '.join((*KINDS, SEVERAL))}; got {kind!r}.")
     misfit = _misfit(distance, max_degree, both_ways)
     values = _start_values(seen, free, {} if start is None else start, resume)
     layout = unknowns(free, shared, {} if bounds is None else bounds, values)
-    u = layout.start(values)
-    several = kind == SEVERAL and resume is None
     fits: dict[str, ShapeFit] = {}
     with catch_interrupts() as interrupted:
-        for family in KINDS if several else (KINDS[0] if kind == SEVERAL else kind,):
+        for label, family, begin in _starts(kind, values, seen, layout, resume):
+            u = layout.start(begin)
             matcher = Matcher(seen, layout, misfit, tolerance, max_steps, observer)
-            matcher.begin(values, family, level, resume)
+            matcher.begin(begin, family, level, resume)
+            if kind == SEVERAL and family == BOWL and not matcher.has_kind(BOWL):
+                continue
             descent = matcher.run(u, new_references, interrupted)
-            fits[family] = _finished(matcher, descent, noise, rank_tolerance, began)
-            if interrupted() or bool(fits[family].result == RESULTS.stopped):
+            fits[label] = _finished(matcher, descent, noise, rank_tolerance, began)
+            if interrupted() or bool(fits[label].result == RESULTS.stopped):
                 break
     fit = _best(fits, seen, noise)
     if throw and not (fit.succeeded or bool(fit.result == RESULTS.stopped)):
         raise RuntimeError(f"No fit ({name_of(fit.result)}): {message(fit.result)}")
     return fit
+
+
+def _starts(kind: str, values, targets, layout: Unknowns, resume):
+    """Names, families and parameters to start from."""
+    if kind != SEVERAL:
+        return [(kind, kind, values)]
+    if resume is not None:
+        return [(PROLATE, PROLATE, values)]
+    found = [(family, family, values) for family in (PROLATE, OBLATE)]
+    own = values
+    if any("pressure" in label for label in layout.labels):
+        return found
+    if any("reduced_volume" in label for label in layout.labels):
+        volumes = [float(reduced_volume(t.mesh, t.x)) for t in targets]
+        own = [p | {"reduced_volume": v} for p, v in zip(values, volumes, strict=True)]
+        try:
+            layout.start(own)
+        except ValueError:  # out of bounds
+            return found
+    pairs = zip(own, values, strict=True)
+    if max(abs(p["reduced_volume"] - q["reduced_volume"]) for p, q in pairs) > OWN_VOLUME:
+        found += [(f"{family}, own volume", family, own) for family in (PROLATE, OBLATE)]
+    if max(p["reduced_volume"] for p in own) < BOWL_BELOW:
+        found.append((BOWL, BOWL, own))
+    return found
 
 
 def _best(fits: dict[str, ShapeFit], targets: tuple[Target, ...], noise) -> ShapeFit:
@@ -136,6 +169,8 @@ def _best(fits: dict[str, ShapeFit], targets: tuple[Target, ...], noise) -> Shap
     if apart:
         known = fit.identification.identifiable
         verdict = judged(targets, fit.shapes, fit.result, known, noise, apart)
+        evidence = verdict.evidence | {"next": min(ratio for _, ratio in apart)}
+        verdict = dataclasses.replace(verdict, evidence=evidence)
     return dataclasses.replace(fit, stats=stats, verdict=verdict)
 
 

@@ -8,7 +8,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from .._observers import asks_to_stop
-from ..equilibria import Equilibrium, equilibrium, spheroid
+from ..equilibria import Equilibrium, equilibrium
 from ..surface import closest, inertia_tensor
 from ._descend import Descent, Iterate, descend
 from ._misfit import AbstractMisfit, node_weights
@@ -16,6 +16,7 @@ from ._pose import Pose, aligned
 from ._results import RESULTS
 from ._shape_fit import MatchIterate, pose_numbers, pose_of
 from ._shape_residuals import Model, ShapeResiduals, bare
+from ._starts import BOWL, kind_of, start_surface
 from ._targets import Target
 from ._unknowns import Unknowns
 
@@ -71,6 +72,11 @@ class Matcher:
             jnp.asarray(self.radius * COARSE * np.sqrt(self.misfit.mass(self.targets))),
         )
 
+    def has_kind(self, kind: str) -> bool:
+        """Whether the models that it began with exist and belong to a family."""
+        shapes = [model.equilibrium for model in self.residuals.models]
+        return all(bool(s.succeeded) and _is(s, kind) for s in shapes)
+
     def _equilibrium(self, mesh, x, p, k: int) -> Equilibrium:
         name = "pressure" if self.by_pressure else "reduced_volume"
         held: dict[str, Any] = {"area": 4 * np.pi, name: p[name]}
@@ -90,22 +96,22 @@ class Matcher:
         from a smaller volume, at which it may be stable.
         """
         v = min(p["reduced_volume"], 0.99)
-        shape = self._equilibrium(*spheroid(v, kind, level), p, k)
-        if self.by_pressure or not shape.succeeded or _kind_of(shape) == kind:
+        shape = self._equilibrium(*start_surface(kind, v, level), p, k)
+        if self.by_pressure or kind == BOWL or not shape.succeeded or _is(shape, kind):
             return shape
         for step in range(1, MOST_BACK + 1):
             volumes = v - BACK * np.arange(step, 0, -1)
             if volumes[0] < LEAST_VOLUME:
                 break
             q = p | {"reduced_volume": float(volumes[0])}
-            near = self._equilibrium(*spheroid(volumes[0], kind, level), q, k)
+            near = self._equilibrium(*start_surface(kind, volumes[0], level), q, k)
             for volume in (*volumes[1:], v):
-                if not near.succeeded or _kind_of(near) != kind:
+                if not near.succeeded or not _is(near, kind):
                     break
                 q = p | {"reduced_volume": float(volume)}
                 near = self._moved(near, q, k)
             else:
-                if near.succeeded and _kind_of(near) == kind:
+                if near.succeeded and _is(near, kind):
                     return near
         return shape
 
@@ -207,11 +213,8 @@ def _apart(mesh, one, other) -> float:
     return float(np.max(np.abs(a / b - 1)))
 
 
-def _kind_of(shape: Equilibrium) -> str:
-    """The family of shapes by the middle one of the principal axes."""
-    low, middle, high = np.linalg.eigvalsh(np.asarray(inertia_tensor(shape.mesh, shape.x)))
-    # Two large moments of inertia and a small one: a cigar.
-    return "prolate" if high - middle < middle - low else "oblate"
+def _is(shape: Equilibrium, kind: str) -> bool:
+    return kind_of(shape.mesh, shape.x) == kind
 
 
 def _may_go_on(result: RESULTS) -> bool:
@@ -227,7 +230,7 @@ def _best_pose(shape: Equilibrium, t: Target) -> Pose:
     cells = np.asarray(shape.mesh.cells)
 
     def distance(pose: Pose) -> float:
-        nodes = np.asarray(pose.place(jnp.asarray(x), jnp.zeros(7)))
+        nodes = np.asarray(pose.origin) + float(pose.size) * x @ np.asarray(pose.axes).T
         cell, basis = closest(cells, nodes, points)
         gap = points - np.einsum("pj,pjd->pd", basis[..., 0], nodes[cells[cell]])
         return float(np.sum(own[:, None] * gap**2))

@@ -268,6 +268,7 @@ def test_wrong_targets_are_refused(targets, message):
         ({"start": {"tension": 1.2}}, "`start` has 'tension'"),
         ({"bounds": {"reduced_volume": (0.9, 0.5)}}, "in order"),
         ({"tolerance": 0.0}, "must be positive"),
+        ({"kind": "bowl"}, "`kind` must be one of prolate, oblate, stomatocyte, several"),
     ],
 )
 def test_wrong_questions_are_refused(options, message):
