@@ -24,6 +24,7 @@ class Pose(eqx.Module):
     origin: Float[Array, "3"]
     size: Float[Array, ""]
 
+    @eqx.filter_jit
     def place(
         self, x: Float[Array, "nodes 3"], motion: Float[Array, "7"]
     ) -> Float[Array, "nodes 3"]:
@@ -37,6 +38,7 @@ class Pose(eqx.Module):
         turned = x @ (rotation(motion[:3]) @ self.axes).T
         return self.origin[None] + self.size * (motion[None, 3:6] + jnp.exp(motion[6]) * turned)
 
+    @eqx.filter_jit
     def back(
         self, x: Float[Array, "nodes 3"], motion: Float[Array, "7"]
     ) -> Float[Array, "nodes 3"]:
@@ -44,6 +46,7 @@ class Pose(eqx.Module):
         turned = (x - self.origin[None]) / self.size - motion[None, 3:6]
         return turned * jnp.exp(-motion[6]) @ (rotation(motion[:3]) @ self.axes)
 
+    @eqx.filter_jit
     def moved(self, motion: Float[Array, "7"]) -> "Pose":
         """The frame that a motion leads to."""
         axes = rotation(motion[:3]) @ self.axes

@@ -54,11 +54,13 @@ class Unknowns(eqx.Module):
         """Length of the vector."""
         return len(self.labels) + len(POSE_NAMES) * self.n_targets
 
+    @eqx.filter_jit
     def free(self, u: Float[Array, " unknowns"]) -> Float[Array, " labels"]:
         """Values of the free parameters."""
         values = [r.value(u[k]) for k, r in enumerate(self.ranges)]
         return jnp.stack(values) if values else jnp.zeros(0)
 
+    @eqx.filter_jit
     def parameters(self, u: Float[Array, " unknowns"], target: int) -> dict[str, Array]:
         """Parameters of one target by name."""
         free = self.free(u)
@@ -88,6 +90,7 @@ class Unknowns(eqx.Module):
                         raise ValueError(f"Start of `{name}`: {error}") from None
         return jnp.asarray(u)
 
+    @eqx.filter_jit
     def slopes(self, u: Float[Array, " unknowns"]) -> Float[Array, " labels"]:
         """Derivative of each free parameter by its unknown."""
         each = [jax.grad(r.value)(u[k]) for k, r in enumerate(self.ranges)]
