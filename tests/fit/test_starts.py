@@ -1,10 +1,12 @@
 """Where fits start: bowls, families, and the list of several starts."""
 
+from typing import Any
+
 import numpy as np
 import pytest
 
-from jaxwillmore.equilibria import spheroid
-from jaxwillmore.fit import MatchIterate
+from jaxwillmore.equilibria import equilibrium, spheroid
+from jaxwillmore.fit import MatchIterate, match_shapes, name_of
 from jaxwillmore.fit._match import _starts
 from jaxwillmore.fit._starts import BOWL, bowl, kind_of
 from jaxwillmore.fit._targets import target
@@ -57,3 +59,25 @@ def test_several_starts_are_those_that_the_target_asks_for():
     assert labels(0.6, 0.7, free=("pressure",)) == plain
     assert labels(0.6, 0.7, bounds={"reduced_volume": (0.65, 0.9)}) == plain
     assert labels(0.6, 0.7, resume=MatchIterate((), ())) == {"prolate": 0.7}
+
+
+@pytest.mark.slow
+def test_a_stomatocyte_is_found_among_several_starts():
+    """An equilibrium on its own mesh, v = 0.6: nearer than what prolates and oblates end as."""
+    mesh, x = bowl(0.6, level=1)
+    held: dict[str, Any] = {"area": 4 * np.pi, "reduced_volume": 0.6}
+    made = equilibrium(mesh, x, stability=False, **held)
+    fit = match_shapes(
+        [(mesh, made.x)],
+        free=("reduced_volume",),
+        kind="several",
+        level=1,
+        tolerance=1e-4,
+        max_steps=30,
+        throw=False,
+    )
+    assert min(fit.stats["starts"], key=fit.stats["starts"].get) == BOWL
+    assert fit.succeeded, name_of(fit.result)
+    assert kind_of(fit.shapes[0].mesh, fit.shapes[0].x) == BOWL
+    np.testing.assert_allclose(fit.shapes[0].parameters["reduced_volume"], 0.6, atol=2e-3)
+    assert fit.rms < 0.02 and fit.verdict.evidence.get("next", 10.0) > 3
