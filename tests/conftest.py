@@ -33,9 +33,10 @@ gc.set_threshold(100_000, 20, 100)
 
 
 def pytest_addoption(parser):
-    """Part of the slow tests in a limited time: another part every day, all of them in a while."""
+    """Part of the slow tests in a limited time, another part every day; how to compile."""
     parser.addoption("--minutes", type=float, help="start no test later than this, skip the rest")
     parser.addoption("--rotate", type=int, default=0, help="start with another test")
+    parser.addoption("--optimised", action="store_true", help="compile as users do")
 
 
 def pytest_collection_modifyitems(config, items):
@@ -54,7 +55,7 @@ def pytest_runtest_setup(item):
 
 def pytest_configure(config):
     """In the fast core compilation costs more than what is compiled; slow tests want fast code."""
-    if config.option.markexpr == "not slow":
+    if config.option.markexpr == "not slow" and not config.option.optimised:
         jax.config.update("jax_disable_most_optimizations", True)
         os.environ["JAX_DISABLE_MOST_OPTIMIZATIONS"] = "1"  # for commands that tests start
 
