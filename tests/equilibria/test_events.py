@@ -157,3 +157,5 @@ def test_a_lost_symmetry_has_a_name():
     round_, flat = equilibria.Symmetry(1e-9, 1e-9), equilibria.Symmetry(0.2, 1e-9)
     assert lost(round_, flat) == ("body of revolution",)
     assert lost(flat, round_) == () and lost(flat, flat) == ()
+    # What was none before cannot be lost, however far it goes.
+    assert lost(equilibria.Symmetry(0.05, 1e-9), equilibria.Symmetry(0.9, 1e-9)) == ()
