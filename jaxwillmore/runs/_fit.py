@@ -42,9 +42,9 @@ def run_fit(
 ) -> FitRun:
     """Fit, and leave case, history, iterate, surfaces, summary and pictures in a folder.
 
-    `iterate.json` is written after every step. With `existing="resume"` a fit goes on from it, after
-    a kill, too: the steps of `history.csv` count from zero again, and since the model is made anew
-    at the iterate, the parameters are equal up to its mesh, not in every digit.
+    `iterate.json` is written after every step. With `existing="resume"` a fit goes on from it,
+    after a kill, too: the steps of `history.csv` count from zero again, and since the model is made
+    anew at the iterate, the parameters are equal up to its mesh, not in every digit.
     Ctrl-C or SIGTERM end the fit after the step in progress, a second signal at once.
 
     **Raises:** `CaseError` for a case that makes no sense; `RunFolderError` for a folder that
