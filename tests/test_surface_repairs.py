@@ -207,3 +207,20 @@ def test_encodings_of_case_files_are_named(tmp_path):
         load_case(tmp_path / "a.toml")
     (tmp_path / "a.toml").write_bytes(text.replace(",", ".").encode("utf-8-sig"))
     assert load_case(tmp_path / "a.toml").surface.shape == "sphere"
+
+
+def test_a_file_can_be_smoothed_by_harmonics(folder):
+    """A noisy ball: the start of the run is a ball, and the summary says what was done."""
+    x, faces = ball(2)
+    noise = 1 + 0.05 * np.random.default_rng(0).uniform(-1, 1, (len(x), 1))
+    (folder / "noisy.obj").write_text(obj_text(x * noise, faces))
+    text = '[surface]\nfile = "noisy.obj"\nsmooth = "harmonics"\nlevel = 1\n[time]\nt1 = 1.0\n'
+    (folder / "case.toml").write_text(text)
+    start = starting_surface(load_case(folder / "case.toml"))
+    nodes = np.asarray(start.x)
+    r = np.linalg.norm(nodes - nodes.mean(axis=0), axis=1)
+    assert np.ptp(r) < 0.03 and start.mesh.n_nodes == 162
+    (act,) = start.repairs
+    assert act.startswith("smoothed by spherical harmonics of degree")
+    with pytest.raises(CaseError, match="is for meshes from a file"):
+        load_case('[surface]\nshape = "torus"\nsmooth = "harmonics"\n[time]\nt1 = 1.0\n')

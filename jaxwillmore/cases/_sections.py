@@ -28,7 +28,10 @@ from ._rules import (
 )
 
 _MAX_FRAMES = 100_000
-_OF_FILES = ("merge_tolerance", "fix_orientation", "repair", "keep", "components", "genus")
+_OF_FILES = (
+    *("merge_tolerance", "fix_orientation", "repair", "keep", "components", "genus"),
+    "smooth",
+)
 
 
 @typing.no_type_check
@@ -37,7 +40,8 @@ class SurfaceCase:
     """Where the surface comes from: the name of a generator in `shape`, or a mesh in `file`.
 
     `parameters` are the keyword arguments of the generator; in a case file they stand in
-    `[surface]` like all other keys. Left out, `level` is 2 for a shape and 0 for a file.
+    `[surface]` like all other keys. Left out, `level` is 2 for a shape and for a smoothed file, and
+    0 for a file as it is.
     """
 
     name: ClassVar[str] = "surface"
@@ -63,6 +67,9 @@ class SurfaceCase:
     genus: int | None = declare(
         optional(integer("file only: refuse another number of handles", 0)), None
     )
+    smooth: str | None = declare(
+        optional(choice("file only: the surface by spherical harmonics instead", "harmonics")), None
+    )
     parameters: Mapping[str, Any] = dataclasses.field(default_factory=dict)
 
     def __post_init__(self):
@@ -71,7 +78,8 @@ class SurfaceCase:
             both = "both are given" if self.shape is not None else "neither is given"
             raise CaseError(f"needs either `shape` or `file`; {both}.", section=self.name)
         if self.level is None:
-            object.__setattr__(self, "level", 2 if self.file is None else 0)
+            made = self.file is None or self.smooth is not None
+            object.__setattr__(self, "level", 2 if made else 0)
         given = dict(self.parameters)
         if self.shape is None:
             if given:

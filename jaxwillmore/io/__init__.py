@@ -18,6 +18,7 @@ from ._npz import write_npz as write_npz
 from ._plain import write_json as write_json
 from ._ply import linear_triangles as linear_triangles, write_ply as write_ply
 from ._pvd import PvdSeries as PvdSeries
+from ._raised import raised as raised
 from ._read import (
     Reading as Reading,
     SurfaceWarning as SurfaceWarning,

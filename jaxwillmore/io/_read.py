@@ -25,6 +25,7 @@ from ._npz import NpzError, read_npz
 from ._obj import parse_obj
 from ._off import parse_off
 from ._ply_read import parse_ply
+from ._raised import raised
 from ._source import read_bytes
 from ._stl import parse_stl
 from ._vtu_read import parse_vtu
@@ -241,7 +242,8 @@ def examine_surface(
         reading = _flat(raw, repairs, expected)
         mesh, x = reading.mesh, reading.x
         if degree is not None and degree > 1:
-            mesh, x = raise_degree(mesh, x, degree)
+            mesh, x, report = raised(mesh, x, degree, reading.report)
+            reading = reading._replace(report=report)
     return reading._replace(mesh=mesh, x=x)
 
 
@@ -258,6 +260,7 @@ def read_surface(
 ) -> tuple[SurfaceMesh, Nodes]:
     """Read a closed surface, check it, and raise it to a polynomial degree.
 
+    Curved triangles that change area or volume by more than 3 % are told by a `SurfaceWarning`.
     Nothing is repaired unless asked for, and then every act is told: a surface with holes, flipped
     or duplicate faces, unmerged or unused vertices and the like (`jaxwillmore.mesh.check_surface`
     has the list) is an error that names the places. Coordinates are kept as they are, whatever the

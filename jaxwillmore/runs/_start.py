@@ -3,13 +3,15 @@
 import warnings
 from typing import NamedTuple
 
+import numpy as np
 from jaxtyping import Array
 
 from .._types import Nodes
 from ..cases import Case, CaseError, SurfaceCase, example_path, is_example
-from ..io import SurfaceWarning, examine_surface
-from ..mesh import SurfaceMesh, quality, raise_degree, refine
+from ..io import Reading, SurfaceWarning, examine_surface, raised
+from ..mesh import SurfaceMesh, quality, refine
 from ..shapes import make_shape
+from ..surface import spherical
 from ._phase import starting_concentration
 
 
@@ -59,17 +61,39 @@ def _from_file(surface: SurfaceCase) -> Start:
         "components": surface.components,
         "genus": surface.genus,
     }
+    if surface.smooth == "harmonics":
+        return _by_harmonics(surface, examine_surface(source, degree=1, **options))
     reading = examine_surface(source, **options)
     if reading.mesh.degree > surface.degree:
         reading = examine_surface(source, degree=surface.degree, **options)
-    for act in reading.repairs:
-        warnings.warn(f"{reading.name}: repaired: {act}.", SurfaceWarning, stacklevel=4)
-    for finding in reading.report.warnings:
-        warnings.warn(f"{reading.name}: {finding}", SurfaceWarning, stacklevel=4)
     mesh, x = reading.mesh, reading.x
     for _ in range(surface.level):
         mesh, x = refine(mesh, x)
-    return Start(*raise_degree(mesh, x, surface.degree), {}, reading.repairs)
+    mesh, x, report = raised(mesh, x, surface.degree, reading.report)
+    _warn(reading._replace(report=report))
+    return Start(mesh, x, {}, reading.repairs)
+
+
+def _by_harmonics(surface: SurfaceCase, reading: Reading) -> Start:
+    assert surface.level is not None
+    _warn(reading)
+    try:
+        found = spherical(
+            reading.x,
+            np.asarray(reading.mesh.triangles),
+            level=surface.level,
+            degree=surface.degree,
+        )
+    except ValueError as error:
+        raise CaseError(str(error), section="surface", key="smooth", got="harmonics") from error
+    return Start(*found, {}, (*reading.repairs, f"smoothed {found.in_words()}"))
+
+
+def _warn(reading: Reading) -> None:
+    for act in reading.repairs:
+        warnings.warn(f"{reading.name}: repaired: {act}.", SurfaceWarning, stacklevel=5)
+    for finding in reading.report.warnings:
+        warnings.warn(f"{reading.name}: {finding}", SurfaceWarning, stacklevel=5)
 
 
 def _check_resolution(case: Case, start: Start) -> None:

@@ -56,3 +56,4 @@ from ._recover import (
     recover_mean_curvature as recover_mean_curvature,
     recover_normal as recover_normal,
 )
+from ._spherical import SphericalSurface as SphericalSurface, spherical as spherical
