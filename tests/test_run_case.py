@@ -238,6 +238,7 @@ def test_a_shape_starts_on_its_exact_surface_with_exact_fields():
     np.testing.assert_allclose(start.initial["nu"], start.x / 2, atol=1e-12)
 
 
+@pytest.mark.filterwarnings("ignore::jaxwillmore.io.SurfaceWarning")  # a coarse mesh
 @pytest.mark.parametrize(
     "level, degree, nodes", [(0, 1, 42), (0, 2, 162), (1, 1, 162), (1, 2, 642)]
 )
@@ -253,6 +254,7 @@ def test_a_file_is_refined_and_raised(tmp_path, level, degree, nodes):
     np.testing.assert_allclose(radii, 1.0, atol=5e-3)
 
 
+@pytest.mark.filterwarnings("ignore::jaxwillmore.io.SurfaceWarning")  # a coarse mesh
 def test_the_last_state_of_a_run_can_be_the_start_of_another(finished):
     _, run, _ = finished
     for degree in (1, 2):
