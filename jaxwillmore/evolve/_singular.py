@@ -42,7 +42,7 @@ def has_vanished(records: Sequence[dict[str, float | int]]) -> bool:
 
 def order_of(flow: System) -> float:
     """The order p of a law whose time scale is $R^p$; 0 where the size does not matter."""
-    times = [float(flow.units(jnp.asarray(R)).time) for R in (1e-3, 1e-4)]
+    times = [float(flow.units(jnp.asarray(R)).time) for R in (10.0, 1.0)]
     return max(math.log10(times[0] / times[1]), 0.0)
 
 
@@ -79,7 +79,8 @@ def explained(
     - `t0`: when the run began.
     """
     vanished = bool(result == RESULTS.vanished)
-    if not vanished and not any(bool(result == other) for other in UNEXPLAINED):
+    known = not any(bool(result == other) for other in UNEXPLAINED)
+    if not records or (known and not vanished):
         return result, None
     T = singular_time(order_of(flow), records)
     if vanished:
