@@ -305,3 +305,25 @@ def test_a_missing_and_a_broken_mesh_are_told_apart(tmp_path):
         with pytest.raises(error, match=name):
             run_case(case, tmp_path / "out")
     assert not (tmp_path / "out").exists()
+
+
+@pytest.mark.slow
+def test_a_small_vesicle_grows_to_the_size_of_its_curvature(tmp_path):
+    """With H0 = 1 a sphere of R = 0.2 grows to R = 1.5 at t = 1.4187: Ṙ = (2 − H0 R) H0 / R²."""
+    case = load_case(
+        """
+        [surface]
+        shape = "sphere"
+        radius = 0.2
+        level = 1
+        [energy]
+        spontaneous_curvature = 1.0
+        [time]
+        t1 = 1.4187
+        [output]
+        picture = false
+        frames = false
+        """
+    )
+    run = run_case(case, tmp_path / "out")
+    assert run.summary["area"] == pytest.approx(4 * math.pi * 1.5**2, rel=0.01)

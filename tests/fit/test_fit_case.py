@@ -4,6 +4,7 @@ import json
 import os
 import signal
 
+import jax.random as jr
 import numpy as np
 import pytest
 
@@ -17,10 +18,12 @@ from jaxwillmore.cases import (
     load_fit,
 )
 from jaxwillmore.cli import main
-from jaxwillmore.equilibria import equilibrium
+from jaxwillmore.equilibria import equilibrium, spheroid
 from jaxwillmore.io import write_npz
+from jaxwillmore.mesh import raise_degree
 from jaxwillmore.runs import run_fit
 
+from ..helpers import random_rotation
 from .profiles import OBLATE, equilibrium_nodes
 
 CASE = """
@@ -166,3 +169,23 @@ def test_a_fit_interrupted_before_its_first_step_says_so(oblate, monkeypatch):
     run = run_fit(load_fit(CASE.replace("cell.npz", str(oblate / "cell.npz"))), oblate / "out")
     assert run.summary["status"] == "interrupted" and not run.succeeded
     assert run.summary["shapes"] == []
+
+
+@pytest.mark.slow
+def test_a_cell_in_pixels_tells_its_reduced_volume(tmp_path):
+    """An equilibrium at 0.8, turned, moved and 37 times as large: the interval holds 0.8."""
+    mesh, x = spheroid(0.8, level=1)
+    shape = equilibrium(mesh, x, reduced_volume=0.8, stability=False)
+    moved = 37 * np.asarray(shape.x) @ np.asarray(random_rotation(jr.key(3))).T + [120.0, 80.0, 9.0]
+    vertices = moved[: mesh.n_vertices]
+    write_npz(tmp_path / "cell.npz", *raise_degree(np.asarray(mesh.triangles), vertices, 1))
+    text = CASE.replace("oblate", "prolate").replace(
+        "level = 1", "level = 1\nreduced_volume = 0.75"
+    )
+    (tmp_path / "fit.toml").write_text(
+        text.replace("max_steps = 3", "tolerance = 1e-5\npicture = false")
+    )
+    run = run_fit(load_fit(tmp_path / "fit.toml"), tmp_path / "out")
+    low, high = run.summary["intervals_95_if_the_model_were_right"]["reduced_volume"]
+    assert low < 0.8 < high, (low, high)
+    assert run.summary["verdict"] == "agrees", run.summary["warnings"]
