@@ -79,8 +79,8 @@ def explained(
     - `t0`: when the run began.
     """
     vanished = bool(result == RESULTS.vanished)
-    known = not any(bool(result == other) for other in UNEXPLAINED)
-    if not records or (known and not vanished):
+    unexplained = any(bool(result == other) for other in UNEXPLAINED)
+    if not records or not (vanished or unexplained):
         return result, None
     T = singular_time(order_of(flow), records)
     if vanished:

@@ -64,7 +64,6 @@ def spherical(
     max_degree: int | None = None,
     level: int = 2,
     degree: int = 2,
-    harmonic_degree: int | None = None,
 ) -> SphericalSurface:
     r"""A smooth surface on a clean mesh for a measured one of genus 0.
 
@@ -83,7 +82,6 @@ def spherical(
     - `max_degree`: the largest L that is tried; by default 16, or less for fewer than 4 vertices
       for each harmonic.
     - `level`, `degree`: of the icosphere (`mesh.icosphere`).
-    - `harmonic_degree`: take this L, without a choice.
 
     **Returns:** a `SphericalSurface`, which is the pair `(mesh, x)`, x in the unit of the vertices.
 
@@ -101,16 +99,13 @@ def spherical(
     ```
     """
     V, F = _checked(vertices, faces)
-    most = _limit(len(V), max_degree, harmonic_degree)
+    most = _limit(len(V), max_degree)
     areas = vertex_areas(V, F)
     n = conformal_sphere(V, F)
     mesh, directions = icosphere(level, degree)
     both = _harmonics(most, jnp.concatenate([jnp.asarray(n), directions]))
     Y = np.asarray(both[: len(V)])
-    errors: dict[int, float] = {}
-    L = harmonic_degree
-    if L is None:
-        L, errors = _chosen(Y, V, areas, n, most)
+    L, errors = _chosen(Y, V, areas, n, most)
     c = _solved(*_normal_equations(Y, V, areas), L, areas.sum())
     distance = np.linalg.norm(Y[:, : (L + 1) ** 2] @ c - V, axis=1)
     x = both[len(V) :, : (L + 1) ** 2] @ jnp.asarray(c)
@@ -137,19 +132,19 @@ def _checked(vertices, faces):
     return V, F
 
 
-def _limit(n_vertices: int, max_degree: int | None, harmonic_degree: int | None) -> int:
+def _limit(n_vertices: int, max_degree: int | None) -> int:
     """The largest degree to try."""
     told = int(np.sqrt(n_vertices / VERTICES_EACH)) - 1
-    for name, given in (("max_degree", max_degree), ("harmonic_degree", harmonic_degree)):
-        if given is not None and not 1 <= given <= told:
-            raise ValueError(
-                f"`{name}` must be from 1 to {told}, for {VERTICES_EACH} vertices to every one of "
-                f"its (L + 1)² harmonics; got {given} with {n_vertices} vertices."
-            )
     if told < 1:
         raise ValueError(f"{n_vertices} vertices determine no harmonics; 16 are the least.")
-    given = harmonic_degree if harmonic_degree is not None else max_degree
-    return min(MOST_DEGREE, told) if given is None else given
+    if max_degree is None:
+        return min(MOST_DEGREE, told)
+    if not 1 <= max_degree <= told:
+        raise ValueError(
+            f"`max_degree` must be from 1 to {told}, for {VERTICES_EACH} vertices to every one of "
+            f"its (L + 1)² harmonics; got {max_degree} with {n_vertices} vertices."
+        )
+    return max_degree
 
 
 def _normal_equations(Y, V, areas):

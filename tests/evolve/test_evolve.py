@@ -316,6 +316,7 @@ STOPS = {
         "energy_tolerance": 1e-13,
     },
     "step_too_small": {"rtol": 1e-15},
+    "resolution_lost": {"initial": EXACT | {"nu": 0.4 * EXACT["nu"]}},
 }
 
 

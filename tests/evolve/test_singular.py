@@ -5,8 +5,8 @@ import numpy as np
 import pytest
 
 from jaxwillmore import mesh as meshes
-from jaxwillmore.evolve import evolve, name_of
-from jaxwillmore.evolve._singular import order_of, singular_time
+from jaxwillmore.evolve import RESULTS, evolve, name_of
+from jaxwillmore.evolve._singular import explained, order_of, singular_time
 from jaxwillmore.flows import MeanCurvatureFlow, MinimalDeformation, SurfaceDiffusion, System
 
 NECK = System(MeanCurvatureFlow(), MinimalDeformation())
@@ -28,6 +28,22 @@ def test_the_time_of_a_blow_up_is_exact_for_its_own_power(order):
     assert singular_time(order, records[:3]) is None
     falling = [r | {"max_curvature": 1 / r["max_curvature"]} for r in records]
     assert singular_time(order, falling) is None
+
+
+def test_only_a_curvature_that_blows_up_is_a_pinch():
+    """Of a surface of unit radius: 1/√(T − t), and then one that stays as it is."""
+    flow, left = System(MeanCurvatureFlow()), np.geomspace(1.0, 1e-4, 40)
+    records = [{"t": 1 - s, "area": 4 * np.pi, "max_curvature": s**-0.5} for s in left]
+    assert name_of(explained(RESULTS.step_too_small, flow, 0.0, records)[0]) == "pinching"
+    assert explained(RESULTS.energy_rising, flow, 0.0, records)[1] == pytest.approx(1.0)
+    assert name_of(explained(RESULTS.step_limit, flow, 0.0, records)[0]) == "step_limit"
+    for other in (
+        [r | {"max_curvature": 90.0} for r in records],  # sharp from the start
+        [r | {"max_curvature": 1 + 0.01 * r["t"]} for r in records],  # hardly sharper
+        [r | {"area": 1e-4} for r in records],  # no sharper than its size
+    ):
+        found = explained(RESULTS.step_too_small, flow, 0.0, other)
+        assert name_of(found[0]) == "step_too_small" and found[1] is None
 
 
 def test_a_sphere_vanishes_when_its_radius_does():
