@@ -1,21 +1,13 @@
 """Branches of equilibria in files."""
 
 import os
-from typing import IO, Any, NamedTuple
+from typing import IO, Any
 
 from ..equilibria import Branch, branch_of, parts_of
 from ._atomic import atomic_write
-from ._sealed import MAX_BYTES, WRONG, Kind, SolutionError
+from ._sealed import MAX_BYTES, Kind, Stored
 
 BRANCH = Kind("jaxwillmore branch", "branch", 1)
-
-
-class StoredBranch(NamedTuple):
-    """What a file of a branch holds."""
-
-    branch: Branch
-    metadata: dict[str, Any]
-    computer: dict[str, Any]
 
 
 def write_branch(path: str | os.PathLike[str], branch: Branch) -> None:
@@ -49,7 +41,7 @@ def read_branch(path: str | os.PathLike[str], max_bytes: int = MAX_BYTES) -> Bra
     **Raises:** `SolutionError` for a file that is truncated, damaged, of another format, or
     something else, and for one whose parts do not fit together; `FileNotFoundError`.
     """
-    return stored_branch(path, max_bytes).branch
+    return stored_branch(path, max_bytes).content
 
 
 def save_branch(file: IO[bytes], branch: Branch, metadata: dict[str, Any]) -> None:
@@ -57,12 +49,6 @@ def save_branch(file: IO[bytes], branch: Branch, metadata: dict[str, Any]) -> No
     BRANCH.save(file, *parts_of(branch), metadata)
 
 
-def stored_branch(path: str | os.PathLike[str], max_bytes: int = MAX_BYTES) -> StoredBranch:
+def stored_branch(path: str | os.PathLike[str], max_bytes: int) -> Stored:
     """A branch with what was written beside it; raises as `read_branch`."""
-    content = BRANCH.content(path, max_bytes)
-    try:
-        branch = branch_of(content.words, content.arrays)
-    except WRONG as error:
-        words = BRANCH.not_whole(error, content.computer)
-        raise SolutionError(f"`{os.fspath(path)}` {words}") from error
-    return StoredBranch(branch, content.metadata, content.computer)
+    return BRANCH.read(path, max_bytes, branch_of)

@@ -112,7 +112,7 @@ def read_checkpoint(
     def read(path: pathlib.Path) -> Checkpoint:
         stored = stored_solution(path, MAX_BYTES)
         notes = _notes("run", stored.computer)
-        found = Checkpoint(stored.solution, stored.metadata, notes, path)
+        found = Checkpoint(stored.content, stored.metadata, notes, path)
         _check(path, found, usable)
         return found
 
@@ -127,7 +127,7 @@ def read_branch_checkpoint(
     def read(path: pathlib.Path) -> BranchCheckpoint:
         stored = stored_branch(path, MAX_BYTES)
         notes = _notes("branch", stored.computer)
-        found = BranchCheckpoint(stored.branch, stored.metadata, notes, path)
+        found = BranchCheckpoint(stored.content, stored.metadata, notes, path)
         _check(path, found, usable)
         return found
 

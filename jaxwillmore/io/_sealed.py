@@ -5,6 +5,7 @@ import hashlib
 import json
 import os
 import pathlib
+from collections.abc import Callable
 from typing import IO, Any, NamedTuple
 
 import numpy as np
@@ -24,11 +25,10 @@ class SolutionError(ValueError):
     """A file is no run or branch, or is damaged."""
 
 
-class Content(NamedTuple):
+class Stored(NamedTuple):
     """What a file holds, and what was written beside it."""
 
-    words: dict[str, Any]
-    arrays: dict[str, np.ndarray]
+    content: Any
     metadata: dict[str, Any]
     computer: dict[str, Any]
 
@@ -77,11 +77,16 @@ class Kind:
         }
         save_arrays(file, own | members)
 
-    def content(self, path: str | os.PathLike[str], max_bytes: int) -> Content:
-        """What `save` was given, every bit of it.
+    def read(
+        self,
+        path: str | os.PathLike[str],
+        max_bytes: int,
+        made_of: Callable[[dict[str, Any], dict[str, np.ndarray]], Any],
+    ) -> Stored:
+        """What `made_of` makes of the words and arrays that `save` was given, every bit of them.
 
         **Raises:** `SolutionError` for a file that is truncated, damaged, of another kind or
-        version, or something else; `FileNotFoundError`.
+        version, or something else, and for parts that do not fit together; `FileNotFoundError`.
         """
         path = pathlib.Path(path)
         if not path.is_file():
@@ -100,10 +105,13 @@ class Kind:
             parts = (header[self.key], header["metadata"], header["computer"])
             words, metadata, where = map(dict, parts)
         except WRONG as error:
-            raise SolutionError(f"`{path}` {self.not_whole(error, {})}") from error
-        return Content(words, named, metadata, where)
+            raise SolutionError(f"`{path}` {self._not_whole(error, {})}") from error
+        try:
+            return Stored(made_of(words, named), metadata, where)
+        except WRONG as error:
+            raise SolutionError(f"`{path}` {self._not_whole(error, where)}") from error
 
-    def not_whole(self, error: Exception, where: dict[str, Any]) -> str:
+    def _not_whole(self, error: Exception, where: dict[str, Any]) -> str:
         """Why a file with a good checksum is refused all the same, and what to do."""
         wrote = where.get("jaxwillmore", __version__)
         who = "" if wrote == __version__ else f" It was written by jaxwillmore {wrote}: use that."

@@ -1,21 +1,13 @@
 """Runs in files."""
 
 import os
-from typing import IO, Any, NamedTuple
+from typing import IO, Any
 
 from ..evolve import Solution, parts_of, solution_of
 from ._atomic import atomic_write
-from ._sealed import MAX_BYTES, WRONG, Kind, SolutionError
+from ._sealed import MAX_BYTES, Kind, Stored
 
 RUN = Kind("jaxwillmore run", "run", 1)
-
-
-class Stored(NamedTuple):
-    """What a file of a run holds."""
-
-    solution: Solution
-    metadata: dict[str, Any]
-    computer: dict[str, Any]
 
 
 def write_solution(path: str | os.PathLike[str], solution: Solution) -> None:
@@ -44,7 +36,7 @@ def read_solution(path: str | os.PathLike[str], max_bytes: int = MAX_BYTES) -> S
     **Raises:** `SolutionError` for a file that is truncated, damaged, of another format, or
     something else, and for one whose parts do not fit together; `FileNotFoundError`.
     """
-    return stored_solution(path, max_bytes).solution
+    return stored_solution(path, max_bytes).content
 
 
 def save_solution(file: IO[bytes], solution: Solution, metadata: dict[str, Any]) -> None:
@@ -52,12 +44,6 @@ def save_solution(file: IO[bytes], solution: Solution, metadata: dict[str, Any])
     RUN.save(file, *parts_of(solution), metadata)
 
 
-def stored_solution(path: str | os.PathLike[str], max_bytes: int = MAX_BYTES) -> Stored:
+def stored_solution(path: str | os.PathLike[str], max_bytes: int) -> Stored:
     """A run with what was written beside it; raises as `read_solution`."""
-    content = RUN.content(path, max_bytes)
-    try:
-        solution = solution_of(content.words, content.arrays)
-    except WRONG as error:
-        words = RUN.not_whole(error, content.computer)
-        raise SolutionError(f"`{os.fspath(path)}` {words}") from error
-    return Stored(solution, content.metadata, content.computer)
+    return RUN.read(path, max_bytes, solution_of)

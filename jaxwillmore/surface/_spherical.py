@@ -85,6 +85,8 @@ def spherical(
 
     **Returns:** a `SphericalSurface`, which is the pair `(mesh, x)`, x in the unit of the vertices.
 
+    *Limits:* errors that more than about seven neighbours share are taken for shape.
+
     **Raises:** `mesh.SurfaceError` for a mesh that is not closed, or not one piece without handles;
     `ValueError` for degrees that the vertices do not determine, and where the conformal map or the
     surface by harmonics folds.

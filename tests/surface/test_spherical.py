@@ -70,3 +70,16 @@ def test_what_is_no_sphere_is_refused():
         spherical(x, faces, max_degree=9)
     with pytest.raises(SurfaceError):
         spherical(x, faces[1:])
+
+
+def test_errors_that_neighbours_share_are_no_shape():
+    """A ball with steps of 3 % on patches of four vertices; single ones would choose degree 8."""
+    mesh, n = meshes.icosphere(3, 1)
+    centres = np.random.default_rng(0).normal(size=(160, 3))
+    centres /= np.linalg.norm(centres, axis=1, keepdims=True)
+    steps = np.random.default_rng(1).choice([-0.03, 0.03], 160)
+    patch = np.argmax(np.asarray(n) @ centres.T, axis=1)
+    x = np.asarray(n) * (1 + steps[patch])[:, None]
+    found = spherical(x, np.asarray(mesh.triangles), max_degree=8)
+    assert found.harmonic_degree == 1
+    assert found.errors[8] > 1.1 * found.errors[1]
