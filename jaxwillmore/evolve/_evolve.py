@@ -77,7 +77,8 @@ def evolve(
     - `initial`: initial fields that a formula is known for, by name (`{"H": ..., "nu": ...}`);
       what is not given is recovered from the nodes.
     - `bdf_order`: 1 to 5. Order 5 is fragile with few steps and warns.
-    - `scheme`: `"implicit"` or `"linearly-implicit"`.
+    - `scheme`: `"implicit"` or `"linearly-implicit"`, one linear solve per step: of order 1.5 only
+      while H and ν come to rest on the start.
     - `rtol`: tolerance of the local error, of the nodes relative to the extent of the surface, and
       of a concentration with the weight 0.05; `None` takes fixed steps `dt0` with a graded start
       that keeps the order.

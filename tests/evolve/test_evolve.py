@@ -405,15 +405,21 @@ def test_a_stationary_surface_ends_the_run():
 @pytest.mark.slow
 @pytest.mark.parametrize("scheme", ["implicit", "linearly-implicit"])
 def test_both_schemes_have_second_order_and_one_limit(scheme):
-    """With BDF2 the difference from a fine implicit run falls by four when the step is halved."""
-    fixed = {"t1": 0.01, "rtol": None, "initial": EXACT, "newton_tolerance": 1e-10}
-    fine = run(X, dt0=6.25e-5, **fixed).state.x
+    """With BDF2 the difference from a fine implicit run falls by four when the step is halved.
+
+    From fields that have come to rest on their surface: while they do so, at the start of every
+    run, the linearly implicit scheme has order 1.5.
+    """
+    start = run(X, t1=0.02, rtol=1e-4, initial=EXACT).state
+    fields = {name: start.fields[name] for name in ("H", "nu")}
+    fixed = {"t1": 0.01, "rtol": None, "initial": fields, "newton_tolerance": 1e-10}
+    fine = run(start.x, dt0=6.25e-5, **fixed).state.x
     errors = [
-        float(jnp.max(jnp.abs(run(X, dt0=dt, scheme=scheme, **fixed).state.x - fine)))
+        float(jnp.max(jnp.abs(run(start.x, dt0=dt, scheme=scheme, **fixed).state.x - fine)))
         for dt in (5e-4, 2.5e-4)
     ]
-    assert np.log2(errors[0] / errors[1]) > 1.7, errors
-    assert errors[1] < 1e-4
+    assert np.log2(errors[0] / errors[1]) > 1.9, errors
+    assert errors[1] < 2e-6
 
 
 @pytest.mark.parametrize(
