@@ -22,8 +22,8 @@ from jaxwillmore.cases import example_path
 from jaxwillmore.surface import reduced_volume
 
 TWINS = (
-    ("oblate", {"reduced_volume": 0.75, "spontaneous_curvature": -0.6}),
-    ("prolate", {"reduced_volume": 0.80, "spontaneous_curvature": 1.2}),
+    ("oblate", {"reduced_volume": 0.75, "scaled_spontaneous_curvature": -0.6}),
+    ("prolate", {"reduced_volume": 0.80, "scaled_spontaneous_curvature": 1.2}),
 )
 CELLS = (
     "keratocyte_675",
@@ -38,8 +38,8 @@ NOISE = 0.01
 
 def half_way(truth):
     """50 % off: the spontaneous curvature, and the distance of the reduced volume from 1."""
-    v, H0 = truth["reduced_volume"], truth["spontaneous_curvature"]
-    return {"reduced_volume": 1 - 1.5 * (1 - v), "spontaneous_curvature": 0.5 * H0}
+    v, H0 = truth["reduced_volume"], truth["scaled_spontaneous_curvature"]
+    return {"reduced_volume": 1 - 1.5 * (1 - v), "scaled_spontaneous_curvature": 0.5 * H0}
 
 
 def solved(kind, p, level):
@@ -50,7 +50,7 @@ def solved(kind, p, level):
         x,
         area=4 * np.pi,  # pyright: ignore
         reduced_volume=p["reduced_volume"],
-        spontaneous_curvature=p["spontaneous_curvature"],
+        spontaneous_curvature=p["scaled_spontaneous_curvature"],
         stability=False,
     )
 
@@ -60,7 +60,7 @@ def on_reference(start, truth):
     where = lambda p: (p.volume, p.spontaneous_curvature)
     here, there = (
         where(start.parameters),
-        (truth["reduced_volume"] * 4 * np.pi / 3, truth["spontaneous_curvature"]),
+        (truth["reduced_volume"] * 4 * np.pi / 3, truth["scaled_spontaneous_curvature"]),
     )
     found = start
     for part in (0.25, 0.5, 0.75, 1.0):
@@ -95,7 +95,7 @@ def twin(full):
     for kind, truth in TWINS:
         start = half_way(truth)
         made = on_reference(solved(kind, start, 1), truth)
-        at = fit.MatchIterate((start | {"pressure": 0.0},), (pose(),))
+        at = fit.MatchIterate((start | {"scaled_pressure": 0.0},), (pose(),))
         mesh = equilibria.spheroid(0.8, kind, 1)[0]
         found = fit.match_shapes(
             [(mesh, made.x)], kind=kind, level=1, new_references=False, resume=at, throw=False
@@ -103,8 +103,8 @@ def twin(full):
         line(f"twin, {kind}", found, truth)
         p = found.shapes[0].parameters
         print(
-            f"{'':<28} σR0²/κ {p['tension'] - float(made.tension):+.1e}  "
-            f"PR0³/κ {p['pressure'] - float(made.pressure):+.1e}"
+            f"{'':<28} σR0²/κ {p['scaled_tension'] - float(made.tension):+.1e}  "
+            f"PR0³/κ {p['scaled_pressure'] - float(made.pressure):+.1e}"
         )
 
 
@@ -127,7 +127,7 @@ def observed(mesh, x, c=None, level=3):
 def noise(full):
     """1 % normal noise on points of the surface: how often the truth lies in the interval."""
     kind, truth = TWINS[0]
-    at = fit.MatchIterate((truth | {"pressure": 0.0},), (pose(),))
+    at = fit.MatchIterate((truth | {"scaled_pressure": 0.0},), (pose(),))
     made = on_reference(solved(kind, truth, 1), truth)
     triangles, points, nu, _ = observed(equilibria.spheroid(0.8, kind, 1)[0], made.x)
     trials = 100 if full else 10
@@ -279,9 +279,9 @@ def forces(full):
             p = found.parameters[0]
             print(
                 f"force balance, {kind}, {shape.mesh.n_nodes} nodes: "
-                f"H0 {p['spontaneous_curvature'] - truth['spontaneous_curvature']:+.1e}  "
-                f"σ/κ {p['tension'] / float(shape.tension) - 1:+.1e} (rel)  "
-                f"P/κ {p['pressure'] / float(shape.pressure) - 1:+.1e} (rel)  "
+                f"H0 {p['spontaneous_curvature'] - truth['scaled_spontaneous_curvature']:+.1e}  "
+                f"σ/κ {p['tension_over_kappa'] / float(shape.tension) - 1:+.1e} (rel)  "
+                f"P/κ {p['pressure_over_kappa'] / float(shape.pressure) - 1:+.1e} (rel)  "
                 f"unexplained {found.unexplained:.1e}",
                 flush=True,
             )
@@ -298,7 +298,7 @@ def cells(full):
             describe("", best_of(target, full, ("reduced_volume",)), target)
 
 
-def best_of(target, full, free=("reduced_volume", "spontaneous_curvature")):
+def best_of(target, full, free=("reduced_volume", "scaled_spontaneous_curvature")):
     """The nearer of the fits that start from the families of shapes."""
     kinds, level = (("oblate", "prolate"), 2) if full else (("oblate",), 1)
     options = {"tolerance": 1e-6, "max_steps": 100 if full else 30, "throw": False, "free": free}
@@ -336,7 +336,8 @@ def evans_fung(full):
     p = balance.parameters[0]
     print(
         f"Evans-Fung, force balance: H0 {p['spontaneous_curvature']:.4g} /µm, σ/κ "
-        f"{p['tension']:.4g} /µm², P/κ {p['pressure']:.4g} /µm³, {100 * balance.unexplained:.1f} % "
+        f"{p['tension_over_kappa']:.4g} /µm², P/κ {p['pressure_over_kappa']:.4g} /µm³, "
+        f"{100 * balance.unexplained:.1f} % "
         f"of the bending force unexplained, residual displacement up to "
         f"{float(jnp.max(jnp.abs(balance.residuals[0]))):.3g} µm",
         flush=True,

@@ -29,7 +29,7 @@ CELLS = (
 )
 MODELS = {
     "zero": ("H0 = 0", ("reduced_volume",)),
-    "free": ("H0 free", ("reduced_volume", "spontaneous_curvature")),
+    "free": ("H0 free", ("reduced_volume", "scaled_spontaneous_curvature")),
 }
 COLUMNS = ("model", "cell", "own v", "v", "H0 R0", "rms/R0", "largest/R0", "verdict", "seconds")
 
@@ -68,7 +68,9 @@ def match(cell, model, level, max_steps):
     shape = found.shapes[0]
     R = shape.parameters["radius"]
     distances = [f"{shape.distances[name] / R:.3f}" for name in ("rms", "largest")]
-    v, H0 = (told(shape, found, name) for name in ("reduced_volume", "spontaneous_curvature"))
+    v, H0 = (
+        told(shape, found, name) for name in ("reduced_volume", "scaled_spontaneous_curvature")
+    )
     row(words, cell, own, v, H0, *distances, found.verdict.word, seconds)
     starts = ", ".join(f"{kind} {rms:.3f}" for kind, rms in found.stats["starts"].items())
     print(f"<!-- {fit.name_of(found.result)}; rms/R0 from {starts} -->", flush=True)

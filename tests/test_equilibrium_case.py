@@ -66,8 +66,8 @@ def test_the_summary_of_an_equilibrium_says_what_the_shape_says(vesicle):
     assert summary["stationarity"] < 1e-9
     of = summary["multipliers"]
     assert of["tension"] == float(shape.tension) and of["pressure"] == float(shape.pressure)
-    assert of["tension_scaled"] == pytest.approx(float(shape.scaled_tension), rel=1e-12)
-    assert of["pressure_scaled"] == pytest.approx(float(shape.scaled_pressure), rel=1e-12)
+    assert of["scaled_tension"] == pytest.approx(float(shape.scaled_tension), rel=1e-12)
+    assert of["scaled_pressure"] == pytest.approx(float(shape.scaled_pressure), rel=1e-12)
     np.testing.assert_allclose(summary["reduced_volume"], 0.8, rtol=1e-12)
     assert summary["health"] == []
 

@@ -80,8 +80,8 @@ def test_the_summary_of_a_flow_has_the_keys_of_all_commands(loaded):
     assert summary["negative_directions"] is None and summary["stationarity"] > 0
     R0 = np.sqrt(summary["area"] / (4 * np.pi))
     of = summary["multipliers"]
-    assert of["tension_scaled"] == pytest.approx(of["tension"] * R0**2, rel=1e-12)
-    assert of["pressure_scaled"] == pytest.approx(of["pressure"] * R0**3, rel=1e-12)
+    assert of["scaled_tension"] == pytest.approx(of["tension"] * R0**2, rel=1e-12)
+    assert of["scaled_pressure"] == pytest.approx(of["pressure"] * R0**3, rel=1e-12)
     bending = summary["willmore"] / (8 * np.pi)
     assert summary["bending_over_8pi_kappa"] == pytest.approx(bending, rel=1e-12)
     assert summary["gaussian_energy"] == pytest.approx(4 * np.pi * 0.5, rel=1e-14)

@@ -62,9 +62,14 @@ picture = false
         (("mean = 0.4", "mean = 1.2"), "mean", "< 1"),
         (("line_tension = 1.0", "line_tension = -1.0"), "line_tension", "> 0"),
         (("seed = 1", "mobility = 0.0"), "mobility", "> 0"),
+        (("seed = 1", "kinetic_coefficient = 2.0"), "kinetic_coefficient", "allen-cahn"),
         (("seed = 1", 'file = "c.npy"'), "file", 'start = "file"'),
         (("line_tension = 1.0\n", ""), "line_tension", "needs a number > 0"),
-        (("seed = 1", "temperature = 1.0"), "temperature", 'well = "flory-huggins"'),
+        (
+            ("seed = 1", "entropy_coefficient = 1.0"),
+            "entropy_coefficient",
+            'well = "flory-huggins"',
+        ),
         (("seed = 1", "bending_modulus = [0.5, 1.0]"), "bending_modulus", "at rest"),
         (("seed = 1", 'law = "allen-cahn"\ndegenerate = true'), None, None),
     ],
@@ -83,9 +88,9 @@ def test_what_makes_no_concentration_is_refused_by_key(change, key, words):
 
 def test_a_flory_huggins_energy_needs_two_wells():
     quartic = "line_tension = 1.0\ninterface_width = 0.35\n"
-    other = 'well = "flory-huggins"\ntemperature = 1.0\ninteraction = 1.9\n'
+    other = 'well = "flory-huggins"\nentropy_coefficient = 1.0\ninteraction = 1.9\n'
     other += "gradient_coefficient = 0.2\n"
-    with pytest.raises(CaseError, match="2 temperature = 2"):
+    with pytest.raises(CaseError, match="2 entropy_coefficient = 2"):
         load_case(REST.replace(quartic, other))
     load_case(REST.replace(quartic, other.replace("1.9", "3.0")))
 

@@ -29,6 +29,7 @@ from ._fit_sections import (
 from ._laws import LAWS as LAWS
 from ._load import load_case as load_case
 from ._phase_section import PhaseCase as PhaseCase
+from ._quantities import QUANTITIES as QUANTITIES, Quantity as Quantity
 from ._sections import (
     OF_PHASES as OF_PHASES,
     BranchCase as BranchCase,

@@ -28,14 +28,14 @@ class OsmoticCase:
 
     name: ClassVar[str] = "energy.osmotic"
 
-    solute_amount: float = declare(number("n, amount of solute inside", above=0.0))
-    ambient_concentration: float = declare(number("c̄ outside, amount/length³", above=0.0))
-    temperature: float = declare(number("T", above=0.0), 298.15)
+    solute_amount: float = declare(number("of solute inside", above=0.0))
+    ambient_concentration: float = declare(number("outside", above=0.0))
+    temperature: float = declare(number("", above=0.0), 298.15)
     gas_constant: float = declare(
-        number("R; this value is for lengths in µm, forces in nN, amounts in amol", above=0.0),
+        number("this value is for lengths in µm, forces in nN, amounts in amol, kelvin", above=0.0),
         8.3145e-3,
     )
-    vant_hoff_index: float = declare(number("i, particles per formula unit", above=0.0), 1.0)
+    vant_hoff_index: float = declare(number("particles per formula unit", above=0.0), 1.0)
 
     def __post_init__(self):
         check_keys(self)
@@ -53,9 +53,9 @@ class AreaDifferenceCase:
 
     name: ClassVar[str] = "energy.area_difference"
 
-    nonlocal_modulus: float = declare(number("κr, energy", above=0.0))
-    preferred_difference: float = declare(number("ΔA0, outer minus inner leaflet"))
-    thickness: float = declare(number("D, distance of the leaflets", above=0.0))
+    nonlocal_modulus: float = declare(number("", above=0.0))
+    preferred_difference: float = declare(number("area of the outer minus the inner leaflet"))
+    thickness: float = declare(number("distance of the leaflets", above=0.0))
 
     def __post_init__(self):
         check_keys(self)
@@ -73,9 +73,9 @@ class AreaPenaltyCase:
 
     name: ClassVar[str] = "energy.area_penalty"
 
-    stretching_modulus: float = declare(number("K_A, energy/length²", above=0.0))
+    stretching_modulus: float = declare(number("", above=0.0))
     preferred_area: float | str = declare(
-        number_or("Ā, or the area of the start", "initial", above=0.0), "initial"
+        number_or("or that of the start", "initial", above=0.0), "initial"
     )
 
     def __post_init__(self):
@@ -95,9 +95,9 @@ class VolumePenaltyCase:
 
     name: ClassVar[str] = "energy.volume_penalty"
 
-    strength: float = declare(number("K_V, energy", above=0.0))
+    strength: float = declare(number("", above=0.0))
     preferred_volume: float | str = declare(
-        number_or("V̄, or the volume of the start", "initial", above=0.0), "initial"
+        number_or("or that of the start", "initial", above=0.0), "initial"
     )
 
     def __post_init__(self):
@@ -113,19 +113,17 @@ class VolumePenaltyCase:
 @typing.no_type_check
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class EnergyCase:
-    """The energy ∫ b (H − H₀)² with H = κ₁ + κ₂, and energies of the whole surface beside it."""
+    """The energy ∫ b_b (H − H₀)² with H = κ₁ + κ₂, and energies of the whole surface beside it."""
 
     name: ClassVar[str] = "energy"
 
-    bending_modulus: float = declare(
-        number("b in the energy ∫ b (H − H0)²; ½∫H² is 0.5", above=0.0), 0.5
-    )
-    spontaneous_curvature: float = declare(number("H0, for the sum of the two curvatures"), 0.0)
+    bending_modulus: float = declare(number("in ∫ b_b (H − H₀)²; ½∫H² is 0.5", above=0.0), 0.5)
+    spontaneous_curvature: float = declare(number("for the sum of the two curvatures"), 0.0)
     gaussian_modulus: float = declare(
-        number("b_k; adds the constant 2π χ b_k, no force on a closed surface"), 0.0
+        number("adds the constant 2π χ b_k, no force on a closed surface"), 0.0
     )
-    tension: float = declare(number("σ in + σ · area"), 0.0)
-    pressure: float = declare(number("P in − P · volume; inside minus outside"), 0.0)
+    tension: float = declare(number("in + σ · area"), 0.0)
+    pressure: float = declare(number("in − P · volume; inside minus outside"), 0.0)
     osmotic: OsmoticCase | None = declare_section(OsmoticCase)
     area_difference: AreaDifferenceCase | None = declare_section(AreaDifferenceCase)
     area_penalty: AreaPenaltyCase | None = declare_section(AreaPenaltyCase)
@@ -165,10 +163,10 @@ class ConstraintsCase:
     name: ClassVar[str] = "constraints"
 
     area: float | str | None = declare(
-        optional(number_or("area, or that of the start", "initial", above=0.0)), None
+        optional(number_or("or that of the start", "initial", above=0.0)), None
     )
     volume: float | str | None = declare(
-        optional(number_or("volume, or that of the start", "initial", above=0.0)), None
+        optional(number_or("or that of the start", "initial", above=0.0)), None
     )
     reduced_volume: float | str | None = declare(
         optional(

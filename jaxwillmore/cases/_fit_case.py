@@ -9,7 +9,7 @@ from typing import Any
 
 from ._error import CaseError, shown, suggestion
 from ._examples import example_path, is_example
-from ._fit_sections import SERIES, FitCase, FlowModelCase, ModelCase, TargetCase
+from ._fit_sections import MODEL_SECTIONS, SERIES, FitCase, FlowModelCase, ModelCase, TargetCase
 from ._keys import entries, key_names, unknown_key
 from ._load import _content, _parsed
 from ._toml import emit
@@ -22,7 +22,7 @@ FIT_SECTIONS = {kind.name: kind for kind in (TargetCase, ModelCase, FlowModelCas
 class FitTask:
     """Targets, a model and how to fit it; complete with defaults.
 
-    A series has a `flow`, the other methods a `model`.
+    A series has a `flow`, a match a `model`, a balance of forces neither.
 
     **Raises:** `CaseError` for sections and keys that contradict each other.
     """
@@ -33,12 +33,12 @@ class FitTask:
     fit: FitCase = FitCase()
 
     def __post_init__(self):
-        of_flow = self.fit.method == SERIES
-        unused, used = ("model", "flow") if of_flow else ("flow", "model")
-        if getattr(self, unused) != FIT_SECTIONS[unused]():
-            problem = f'is not for method = "{self.fit.method}"; that has a section [{used}].'
-            raise CaseError(problem, section=unused)
-        _check_times(self.target, of_flow)
+        method = self.fit.method
+        for other, section in MODEL_SECTIONS.items():
+            if method != other and getattr(self, section) != FIT_SECTIONS[section]():
+                problem = f'is for method = "{other}"; this fit has method = "{method}".'
+                raise CaseError(problem, section=section)
+        _check_times(self.target, method == SERIES)
         for held, multiplier in (("area", "tension"), ("volume", "pressure")):
             if held in self.flow.hold and (
                 multiplier in self.fit.free or getattr(self.flow, multiplier)
@@ -48,8 +48,9 @@ class FitTask:
 
     def to_toml(self) -> str:
         """A case file with every key; reading it gives this task again."""
-        model = "flow" if self.fit.method == SERIES else "model"
-        return emit({name: entries(getattr(self, name)) for name in ("target", model, "fit")})
+        own = MODEL_SECTIONS.get(self.fit.method)
+        names = [name for name in ("target", own, "fit") if name is not None]
+        return emit({name: entries(getattr(self, name)) for name in names})
 
 
 def _check_times(target: TargetCase, of_flow: bool) -> None:

@@ -4,13 +4,27 @@ import dataclasses
 import typing
 from typing import ClassVar
 
+from ..fit import FORCE_PARAMETERS, SHAPE_PARAMETERS
 from ._error import CaseError
 from ._keys import check_keys, declare
 from ._rules import Rule, choice, flag, integer, number, optional, refused, rising, text
 
 MATCH, BALANCE, SERIES = METHODS = ("match", "force-balance", "series")
-SHAPE_PARAMETERS = ("reduced_volume", "spontaneous_curvature", "pressure")
+# The section in which a method has its model.
+MODEL_SECTIONS = {MATCH: "model", SERIES: "flow"}
 FLOW_PARAMETERS = ("bending_modulus", "spontaneous_curvature", "tension", "pressure")
+# What each method knows, what it finds unless asked for less, and what targets share.
+PARAMETERS = {MATCH: SHAPE_PARAMETERS, BALANCE: FORCE_PARAMETERS, SERIES: FLOW_PARAMETERS}
+USUALLY_FREE = {
+    MATCH: ("reduced_volume", "scaled_spontaneous_curvature"),
+    BALANCE: FORCE_PARAMETERS,
+    SERIES: ("bending_modulus",),
+}
+USUALLY_SHARED = {
+    MATCH: ("scaled_spontaneous_curvature",),
+    BALANCE: ("spontaneous_curvature",),
+    SERIES: (),
+}
 
 
 def _texts(meaning: str, *words: str) -> Rule:
@@ -26,6 +40,9 @@ def _texts(meaning: str, *words: str) -> Rule:
 
     listed = ", ".join(f'"{word}"' for word in words)
     return Rule(f"a list of {listed}" if words else "text in quotes, or a list", convert, meaning)
+
+
+_ANY = dict.fromkeys(name for names in PARAMETERS.values() for name in names)
 
 
 @typing.no_type_check
@@ -68,8 +85,8 @@ class ModelCase:
     reduced_volume: float | None = declare(
         optional(number("start or held value", above=0.2, below=1.0)), None
     )
-    spontaneous_curvature: float = declare(number("H0 R0, start or held value"), 0.0)
-    pressure: float | None = declare(optional(number("P R0^3/kappa, where it is free")), None)
+    scaled_spontaneous_curvature: float = declare(number("start or held value"), 0.0)
+    scaled_pressure: float | None = declare(optional(number("where it is free")), None)
 
     def __post_init__(self):
         check_keys(self)
@@ -86,9 +103,9 @@ class FlowModelCase:
 
     name: ClassVar[str] = "flow"
 
-    bending_modulus: float = declare(number("b_b, start or held value", above=0.0), 0.5)
-    spontaneous_curvature: float = declare(number("H0, 1/length, start or held value"), 0.0)
-    tension: float = declare(number("force/length, start or held value"), 0.0)
+    bending_modulus: float = declare(number("start or held value", above=0.0), 0.5)
+    spontaneous_curvature: float = declare(number("start or held value"), 0.0)
+    tension: float = declare(number("start or held value"), 0.0)
     pressure: float = declare(number("inside minus outside, start or held value"), 0.0)
     hold: tuple[str, ...] = declare(_texts("kept as at the start", "area", "volume"), ())
     tangential: str = declare(
@@ -111,17 +128,17 @@ class FitCase:
         choice("by the distance of surfaces, by forces alone, or by motion", *METHODS), MATCH
     )
     free: tuple[str, ...] = declare(
-        optional(_texts("parameters to find", *dict.fromkeys(SHAPE_PARAMETERS + FLOW_PARAMETERS))),
-        None,
+        optional(_texts("parameters to find; the others are held", *_ANY)), None
     )
-    shared: tuple[str, ...] = declare(
-        optional(_texts("the same for all targets", *SHAPE_PARAMETERS)), None
-    )
+    shared: tuple[str, ...] = declare(optional(_texts("the same for all targets", *_ANY)), None)
     reduced_volume_bounds: tuple[float, float] | None = declare(
         optional(rising("allowed range", 2)), None
     )
+    scaled_spontaneous_curvature_bounds: tuple[float, float] | None = declare(
+        optional(rising("allowed range of H₀R₀", 2)), None
+    )
     spontaneous_curvature_bounds: tuple[float, float] | None = declare(
-        optional(rising("allowed range", 2)), None
+        optional(rising("allowed range of H₀, 1/length, in a series", 2)), None
     )
     distance: str = declare(
         choice("of points, or of harmonics of a star-shaped radius", "points", "harmonics"),
@@ -139,18 +156,20 @@ class FitCase:
 
     def __post_init__(self):
         check_keys(self)
-        of_flow = self.method == SERIES
-        known = FLOW_PARAMETERS if of_flow else SHAPE_PARAMETERS
-        usual = ("bending_modulus",) if of_flow else ("reduced_volume", "spontaneous_curvature")
-        if self.free is None:
-            object.__setattr__(self, "free", usual)
-        if not self.free or not set(self.free) <= set(known):
+        for key, usual in (("free", USUALLY_FREE), ("shared", USUALLY_SHARED)):
+            if getattr(self, key) is None:
+                object.__setattr__(self, key, usual[self.method])
+        self._check_names("free", 1)
+        self._check_names("shared", 0)
+        self._refuse_what_does_not_apply()
+
+    def _check_names(self, key: str, least: int) -> None:
+        """Each method has parameters of its own."""
+        given, known = getattr(self, key), PARAMETERS[self.method]
+        if len(given) < least or not set(given) <= set(known):
             listed = ", ".join(f'"{word}"' for word in known)
             allowed = f'a list of {listed} with method = "{self.method}"'
-            raise refused(self.name, "free", list(self.free), allowed)
-        if self.shared is None:
-            object.__setattr__(self, "shared", () if of_flow else ("spontaneous_curvature",))
-        self._refuse_what_does_not_apply()
+            raise refused(self.name, key, list(given), allowed)
 
     def _refuse_what_does_not_apply(self):
         """A key without effect would be a wrong answer to whoever wrote it."""
@@ -166,7 +185,8 @@ class FitCase:
 _APPLIES = {
     "shared": (MATCH, BALANCE),
     "reduced_volume_bounds": (MATCH,),
-    "spontaneous_curvature_bounds": (MATCH, SERIES),
+    "scaled_spontaneous_curvature_bounds": (MATCH,),
+    "spontaneous_curvature_bounds": (SERIES,),
     "distance": (MATCH,),
     "max_degree": (MATCH,),
     "both_ways": (MATCH,),

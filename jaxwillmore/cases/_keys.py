@@ -4,6 +4,7 @@ import dataclasses
 from typing import Any
 
 from ._error import CaseError, suggestion
+from ._quantities import described
 from ._rules import Rule, apply
 
 
@@ -49,7 +50,9 @@ def _fields(section) -> list[dataclasses.Field]:
 def entries(section) -> list[tuple[str, object, str]]:
     """Keys, values and meanings of a section, in the order in which a case file has them."""
     rules = {field.name: field.metadata["rule"] for field in _fields(section)}
-    return [(key, getattr(section, key), rule.meaning) for key, rule in rules.items()]
+    return [
+        (key, getattr(section, key), described(key, rule.meaning)) for key, rule in rules.items()
+    ]
 
 
 def unknown_key(section: str, key: str, known: list[str]) -> CaseError:

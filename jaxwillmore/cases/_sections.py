@@ -157,8 +157,8 @@ class FlowCase:
 class TimeCase:
     """From when to when, and how carefully. The unit of time is length⁴ / energy.
 
-    Left out, `dt0` is 1e-5 of R⁴ / (2 b) with the area 4πR². The velocity scale of
-    `stop_when_stationary` is 2 b / R³.
+    Left out, `dt0` is 1e-5 of R⁴ / (2 b_b) with the area 4πR². The velocity scale of
+    `stop_when_stationary` is 2 b_b / R³.
     """
 
     name: ClassVar[str] = "time"

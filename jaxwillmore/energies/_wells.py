@@ -112,7 +112,7 @@ class FloryHuggins(AbstractWell):
 
     **Arguments:**
 
-    - `temperature`: $\theta$, energy/length².
+    - `entropy_coefficient`: $\theta$, energy/length².
     - `interaction`: $\omega$, energy/length²; two phases need $\omega > 2\theta$.
     - `gradient_coefficient`: $\gamma$, energy.
     - `cutoff`: between 0 and the lower well.
@@ -121,23 +121,24 @@ class FloryHuggins(AbstractWell):
     the well.
     """
 
-    temperature: Scalar
+    entropy_coefficient: Scalar
     interaction: Scalar
     gradient_coefficient: Scalar
     cutoff: Scalar
 
-    def __init__(self, temperature, interaction, gradient_coefficient, cutoff: Any = 1e-3):
-        self.temperature = positive("temperature", temperature)
+    def __init__(self, entropy_coefficient, interaction, gradient_coefficient, cutoff: Any = 1e-3):
+        self.entropy_coefficient = positive("entropy_coefficient", entropy_coefficient)
         self.interaction = positive("interaction", interaction)
         self.gradient_coefficient = positive("gradient_coefficient", gradient_coefficient)
         self.cutoff = finite("cutoff", cutoff)
-        numbers = self.temperature, self.interaction, self.cutoff
+        numbers = self.entropy_coefficient, self.interaction, self.cutoff
         if any(isinstance(number, Tracer) for number in numbers):
             return
         theta, omega, low = map(float, numbers)
         if not omega > 2 * theta:
             raise ValueError(
-                f"Two phases need `interaction` > 2 `temperature` = {2 * theta:g}; got {omega:g}."
+                f"Two phases need `interaction` > 2 `entropy_coefficient` = {2 * theta:g}; "
+                f"got {omega:g}."
             )
         # Below the lower well Ψ falls.
         falls = 0 < low < 0.5 and theta * math.log(low / (1 - low)) + omega * (1 - 2 * low) < 0
@@ -149,7 +150,7 @@ class FloryHuggins(AbstractWell):
 
     def _mixing(self, c):
         entropy = c * jnp.log(c) + (1 - c) * jnp.log1p(-c)
-        return self.temperature * entropy + self.interaction * c * (1 - c)
+        return self.entropy_coefficient * entropy + self.interaction * c * (1 - c)
 
     def potential(self, c):
         low, high = self.cutoff, 1 - self.cutoff
@@ -162,7 +163,7 @@ class FloryHuggins(AbstractWell):
     @property
     def wells(self):
         r"""Where $\Psi' = 0$: $c = (1 \mp m)/2$ with $m = \tanh(\omega m/2\theta) > 0$."""
-        ratio = 0.5 * self.interaction / self.temperature
+        ratio = 0.5 * self.interaction / self.entropy_coefficient
 
         def newton(m, ratio):
             t = jnp.tanh(ratio * m)
@@ -188,12 +189,13 @@ class FloryHuggins(AbstractWell):
     def interface_width(self):
         low, high = self.wells
         return jnp.sqrt(
-            self.gradient_coefficient / (self.temperature / (low * high) - 2 * self.interaction)
+            self.gradient_coefficient
+            / (self.entropy_coefficient / (low * high) - 2 * self.interaction)
         )
 
     def scaled(self, factor):
         return FloryHuggins(
-            factor * self.temperature,
+            factor * self.entropy_coefficient,
             factor * self.interaction,
             factor * self.gradient_coefficient,
             self.cutoff,

@@ -26,7 +26,7 @@ _KINDS: dict[str, tuple[Any, tuple[str, ...]]] = {
     "CanhamHelfrich": (CanhamHelfrich, PARAMETERS),
     "FloryHuggins": (
         FloryHuggins,
-        ("temperature", "interaction", "gradient_coefficient", "cutoff"),
+        ("entropy_coefficient", "interaction", "gradient_coefficient", "cutoff"),
     ),
     "GinzburgLandau": (GinzburgLandau, ("well",)),
     "Mixture": (Mixture, ("at_zero", "at_one")),

@@ -2,7 +2,11 @@
 
 from ._flow import fit_flow as fit_flow
 from ._flow_fit import FlowFit as FlowFit, SeenShape as SeenShape
-from ._force_balance import ForceBalance as ForceBalance, force_balance as force_balance
+from ._force_balance import (
+    FORCE_PARAMETERS as FORCE_PARAMETERS,
+    ForceBalance as ForceBalance,
+    force_balance as force_balance,
+)
 from ._identify import Identification as Identification, identify as identify
 from ._likelihood import log_likelihood as log_likelihood
 from ._match import match_shapes as match_shapes
@@ -23,4 +27,5 @@ from ._shape_fit import (
     ShapeFit as ShapeFit,
 )
 from ._targets import checked_surface as checked_surface
+from ._unknowns import SHAPE_PARAMETERS as SHAPE_PARAMETERS
 from ._verdict import VERDICTS as VERDICTS, Verdict as Verdict

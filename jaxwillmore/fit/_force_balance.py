@@ -27,12 +27,14 @@ from ._identify import Identification, identify
 from ._targets import checked_surface
 from ._verdict import Verdict, judged_forces
 
-NAMES = ("spontaneous_curvature", "effective_tension", "pressure")
+# Unknowns in the units of the surfaces, and without units as the labels of an identification.
+FORCE_PARAMETERS = ("spontaneous_curvature", "effective_tension_over_kappa", "pressure_over_kappa")
 MEANINGS = {
-    "spontaneous_curvature": "H0·R0",
-    "effective_tension": "(σ/κ + H0²/2)·R0²",
-    "pressure": "P·R0³/κ",
+    "scaled_spontaneous_curvature": "H0·R0",
+    "scaled_effective_tension": "(σ/κ + H0²/2)·R0²",
+    "scaled_pressure": "P·R0³/κ",
 }
+LABELS = dict(zip(FORCE_PARAMETERS, MEANINGS, strict=True))
 KAPPA_IS_INVISIBLE = (
     "κ is not identifiable from static shapes: they show ratios to κ only; κ itself needs a force, "
     "a pressure or a time scale."
@@ -50,11 +52,13 @@ class ForceBalance:
 
     **Attributes:**
 
-    - `parameters`: for every surface `spontaneous_curvature` $H_0$, `effective_tension`
-      $\sigma/\kappa + \tfrac12 H_0^2$, `tension` $\sigma/\kappa$ and `pressure` $P/\kappa$, in the
-      units of the surfaces. NaN where the surfaces do not tell.
-    - `identification`: of $H_0R_0$, $(\sigma/\kappa + \tfrac12 H_0^2)R_0^2$ and $PR_0^3/\kappa$
-      with $R_0$ the mean area radius: values, covariance, singular values, null directions.
+    - `parameters`: for every surface `spontaneous_curvature` $H_0$, `effective_tension_over_kappa`
+      $\sigma/\kappa + \tfrac12 H_0^2$, `tension_over_kappa` $\sigma/\kappa$ and
+      `pressure_over_kappa` $P/\kappa$, in the units of the surfaces. NaN where the surfaces do
+      not tell.
+    - `identification`: of `scaled_spontaneous_curvature` $H_0R_0$, `scaled_effective_tension`
+      $(\sigma/\kappa + \tfrac12 H_0^2)R_0^2$ and `scaled_pressure` $PR_0^3/\kappa$, with $R_0$
+      the mean area radius: values, covariance, singular values, null directions.
     - `residuals`: for every surface a nodal field, the normal displacement that would take up the
       force which no parameters explain.
     - `unexplained`: size of that over the size of the bending force alone: 0 at an equilibrium, 1
@@ -79,7 +83,7 @@ class ForceBalance:
 
 
 def spoken(label: str) -> str:
-    """Words for an unknown, such as `P·R0³/κ of surface 2` for `pressure[2]`."""
+    """Words for an unknown, such as `P·R0³/κ of surface 2` for `scaled_pressure[2]`."""
     name, _, number = label.removesuffix("]").partition("[")
     return MEANINGS[name] + (f" of surface {number}" if number else "")
 
@@ -155,7 +159,7 @@ def force_balance(
     - `surfaces`: closed surfaces at rest, of degree 2 or more. Triangulated data are raised by
       `mesh.raise_degree`; `equilibria.smoothed` takes the facets off.
     - `known`: unknowns whose values are known, in the units of the surfaces: some of
-      `"spontaneous_curvature"`, `"effective_tension"` and `"pressure"`.
+      `"spontaneous_curvature"`, `"effective_tension_over_kappa"` and `"pressure_over_kappa"`.
     - `shared`: unknowns that are the same for all surfaces; the others are each surface's own.
     - `noise`: standard deviation of independent normal errors of the nodes. Left out, it is taken
       from the residual displacement, which makes the intervals rough.
@@ -182,13 +186,15 @@ def force_balance(
     given = {} if known is None else {n: float(finite(n, value)) for n, value in known.items()}
     for what, names in (("known", given), ("shared", shared)):
         for name in names:
-            if name not in NAMES:
-                raise ValueError(f"`{what}` has {name!r}; the unknowns are {', '.join(NAMES)}.")
+            if name not in FORCE_PARAMETERS:
+                raise ValueError(
+                    f"`{what}` has {name!r}; the unknowns are {', '.join(FORCE_PARAMETERS)}."
+                )
     sheets = [_sheet(mesh, x) for mesh, x in surfaces]
     R0 = float(np.mean([area_radius(sheet.mesh, sheet.x) for sheet in sheets]))
-    free = [name for name in NAMES if name not in given]
+    free = [name for name in FORCE_PARAMETERS if name not in given]
     labels, choices = _unknowns(free, shared, len(sheets))
-    constants = np.array([given.get(name, 0.0) for name in NAMES])
+    constants = np.array([given.get(name, 0.0) for name in FORCE_PARAMETERS])
 
     # Normal equations of dW − H0 dM + Σ dA − p dV = 0 in the norm; they have a handful of unknowns
     # and need half the digits of a relative tolerance that is far above rounding.
@@ -222,9 +228,9 @@ def force_balance(
         named.append(
             {
                 "spontaneous_curvature": float(H0),
-                "effective_tension": float(tension),
-                "tension": float(tension - 0.5 * H0**2),
-                "pressure": float(pressure),
+                "effective_tension_over_kappa": float(tension),
+                "tension_over_kappa": float(tension - 0.5 * H0**2),
+                "pressure_over_kappa": float(pressure),
             }
         )
     bent = bb > NO_FORCE**2 * sum(G[2, 2] for G in grams) / R0**4
@@ -235,14 +241,15 @@ def force_balance(
 def _unknowns(free: Sequence[str], shared: Sequence[str], count: int):
     """Labels of the unknowns, and for every surface which unknown is which of its three factors."""
     labels: list[str] = []
-    places = np.full((count, len(NAMES)), -1)
+    places = np.full((count, len(FORCE_PARAMETERS)), -1)
     for name in free:
         for k in range(count):
-            label = name if count == 1 or name in shared else f"{name}[{k}]"
+            own = "" if count == 1 or name in shared else f"[{k}]"
+            label = LABELS[name] + own
             if label not in labels:
                 labels.append(label)
-            places[k, NAMES.index(name)] = labels.index(label)
-    choices = [np.zeros((len(NAMES), len(labels))) for _ in range(count)]
+            places[k, FORCE_PARAMETERS.index(name)] = labels.index(label)
+    choices = [np.zeros((len(FORCE_PARAMETERS), len(labels))) for _ in range(count)]
     for k, row in enumerate(places):
         for i, j in enumerate(row):
             if j >= 0:

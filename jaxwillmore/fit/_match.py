@@ -17,7 +17,7 @@ from ._results import RESULTS, message, name_of
 from ._shape_fit import MatchIterate, ShapeFit, matched
 from ._starts import BOWL, BOWL_BELOW, KINDS, OBLATE, PROLATE
 from ._targets import Target, checked_surface, target
-from ._unknowns import SHAPE_NAMES, Unknowns, unknowns
+from ._unknowns import SHAPE_PARAMETERS, Unknowns, unknowns
 from ._verdict import judged
 
 SEVERAL = "several"
@@ -30,8 +30,8 @@ HOPELESS = 0.4
 def match_shapes(
     targets: Sequence[tuple[SurfaceMesh | np.ndarray, Float[Array | np.ndarray, "_ 3"]]],
     *,
-    free: Sequence[str] = ("reduced_volume", "spontaneous_curvature"),
-    shared: Sequence[str] = ("spontaneous_curvature",),
+    free: Sequence[str] = ("reduced_volume", "scaled_spontaneous_curvature"),
+    shared: Sequence[str] = ("scaled_spontaneous_curvature",),
     start: Mapping[str, float] | None = None,
     kind: str = "prolate",
     bounds: Mapping[str, tuple[float, float]] | None = None,
@@ -60,8 +60,8 @@ def match_shapes(
     **Arguments:**
 
     - `targets`: closed surfaces of genus 0, pairs of a mesh (or triangles) and nodes.
-    - `free`: parameters to be found: `"reduced_volume"`, `"spontaneous_curvature"` ($H_0R_0$) and,
-      in place of the volume, `"pressure"` ($PR_0^3/\kappa$).
+    - `free`: parameters to be found: `"reduced_volume"`, `"scaled_spontaneous_curvature"`
+      ($H_0R_0$) and, in place of the volume, `"scaled_pressure"` ($PR_0^3/\kappa$).
     - `shared`: parameters that are the same for all targets. $H_0R_0$ is in units of the mean
       $R_0$ of all targets, so that a shared one is one $H_0$.
     - `start`: values of free parameters to start from and of the others to hold. Left out: the
@@ -138,7 +138,7 @@ def _starts(kind: str, values, targets, layout: Unknowns, resume):
         return [(PROLATE, PROLATE, values)]
     found = [(family, family, values) for family in (PROLATE, OBLATE)]
     own = values
-    if any("pressure" in label for label in layout.labels):
+    if any("scaled_pressure" in label for label in layout.labels):
         return found
     if any("reduced_volume" in label for label in layout.labels):
         volumes = [float(reduced_volume(t.mesh, t.x)) for t in targets]
@@ -180,7 +180,7 @@ def _same(fit: ShapeFit, other: ShapeFit) -> bool:
     return all(
         abs(a.parameters[name] - b.parameters[name]) < 1e-3 * max(1.0, abs(a.parameters[name]))
         for a, b in pairs
-        for name in SHAPE_NAMES
+        for name in SHAPE_PARAMETERS
     )
 
 
@@ -209,14 +209,16 @@ def _misfit(distance: str, max_degree: int, both_ways: bool | None) -> AbstractM
 def _start_values(targets, free, start, resume) -> list[dict[str, float]]:
     """Parameters of every target to start from; refuses contradictions."""
     for name in start:
-        if name not in SHAPE_NAMES:
-            raise ValueError(f"`start` has {name!r}; there are {', '.join(SHAPE_NAMES)}.")
-    if "pressure" in free and "reduced_volume" in free:
-        raise ValueError("Free `reduced_volume` or `pressure`, not both: one follows the other.")
+        if name not in SHAPE_PARAMETERS:
+            raise ValueError(f"`start` has {name!r}; there are {', '.join(SHAPE_PARAMETERS)}.")
+    if "scaled_pressure" in free and "reduced_volume" in free:
+        raise ValueError(
+            "Free `reduced_volume` or `scaled_pressure`, not both: one follows the other."
+        )
     if len(free) == 0:
         raise ValueError("`free` is empty; name at least one parameter.")
-    if resume is None and ("pressure" in free) != ("pressure" in start):
-        raise ValueError("`pressure` is either free and has a value in `start`, or neither.")
+    if resume is None and ("scaled_pressure" in free) != ("scaled_pressure" in start):
+        raise ValueError("`scaled_pressure` is either free and has a value in `start`, or neither.")
     if resume is not None:
         if len(resume.parameters) != len(targets):
             raise ValueError(
@@ -226,8 +228,8 @@ def _start_values(targets, free, start, resume) -> list[dict[str, float]]:
     return [
         {
             "reduced_volume": float(reduced_volume(t.mesh, t.x)),
-            "spontaneous_curvature": 0.0,
-            "pressure": 0.0,
+            "scaled_spontaneous_curvature": 0.0,
+            "scaled_pressure": 0.0,
         }
         | {name: float(value) for name, value in start.items()}
         for t in targets

@@ -49,7 +49,7 @@ class Matcher:
         self.targets, self.layout, self.misfit = targets, layout, misfit
         self.observed = tuple(misfit.observe(t) for t in targets)
         self.tolerance, self.max_steps, self.observer = tolerance, max_steps, observer
-        self.by_pressure = any("pressure" in label for label in layout.labels)
+        self.by_pressure = any("scaled_pressure" in label for label in layout.labels)
         self.radius = float(np.mean([float(t.radius) for t in targets]))
         self.sizes = jnp.asarray([float(t.radius) / self.radius for t in targets])
         self.history: list[dict[str, float]] = []
@@ -83,7 +83,7 @@ class Matcher:
         return equilibrium(
             mesh,
             x,
-            spontaneous_curvature=p["spontaneous_curvature"] * float(self.sizes[k]),
+            spontaneous_curvature=p["scaled_spontaneous_curvature"] * float(self.sizes[k]),
             stability=False,
             throw=False,
             **held,
@@ -119,7 +119,7 @@ class Matcher:
         """The neighbour of an equilibrium at other parameters, stable or not."""
         still = Pose(jnp.eye(3), jnp.zeros(3), jnp.ones(()))
         values = {name: jnp.asarray(value) for name, value in p.items()}
-        values["spontaneous_curvature"] *= self.sizes[k]
+        values["scaled_spontaneous_curvature"] *= self.sizes[k]
         found, _ = Model(bare(near), still).solved(values)
         return self._equilibrium(near.mesh, found.x, p, k)
 

@@ -53,13 +53,13 @@ def _coarser(fit: ShapeFit, k: int, x: Float[Array, "nodes 3"]) -> Equilibrium:
     """The equilibrium of one target on the mesh of twice the size, begun at the shape itself."""
     residuals = fit.residuals
     p = {name: float(v) for name, v in residuals.unknowns.parameters(fit.u, k).items()}
-    name = "pressure" if any("pressure" in q for q in residuals.labels) else "reduced_volume"
+    name = "pressure" if any("scaled_pressure" in q for q in residuals.labels) else "reduced_volume"
     level = round(np.log(residuals.models[k].equilibrium.mesh.n_cells / 20) / np.log(4))
     mesh, nodes = icosphere(level - 1, degree=2)
     # Models are images of icospheres: their nodes include those of the coarser one.
     kept = KDTree(np.asarray(icosphere(level, degree=2)[1])).query(np.asarray(nodes))[1]
     held: dict[str, Any] = {"area": 4 * np.pi, name: p[name]}
-    H0 = p["spontaneous_curvature"] * float(residuals.sizes[k])
+    H0 = p["scaled_spontaneous_curvature"] * float(residuals.sizes[k])
     return equilibrium(
         mesh, x[kept], spontaneous_curvature=H0, stability=False, throw=False, **held
     )

@@ -20,7 +20,7 @@ from ._results import RESULTS
 from ._shape_residuals import FOLLOWING, ShapeResiduals
 from ._statistics import laplace
 from ._targets import Target
-from ._unknowns import SHAPE_NAMES, spoken
+from ._unknowns import SHAPE_PARAMETERS, spoken
 from ._verdict import Verdict
 
 
@@ -31,9 +31,9 @@ class MatchedShape:
     **Attributes:**
 
     - `mesh`, `x`: the equilibrium in the place of the target.
-    - `parameters`: `reduced_volume`, `spontaneous_curvature` $H_0R_0$, `tension`
-      $\sigma R_0^2/\kappa$, `pressure` $PR_0^3/\kappa$ of the model, and its `radius` $R_0$ in the
-      units of the target.
+    - `parameters`: `reduced_volume`, `scaled_spontaneous_curvature` $H_0R_0$, `scaled_tension`
+      $\sigma R_0^2/\kappa$, `scaled_pressure` $PR_0^3/\kappa$ of the model, and its `radius`
+      $R_0$ in the units of the target.
     - `errors`: standard errors of the first four, by `ShapeFit.robust`; infinite where the data do
       not tell, 0 where held.
     - `distances`: `rms` and `largest` of the signed distances of the target's nodes to the model,
@@ -166,9 +166,9 @@ def matched(
         size = float(residuals.sizes[k])
         motion = unknowns.motion(u, k)
         radius = float(residuals.models[k].pose.size * jnp.exp(motion[6]))
-        H0 = size * float(unknowns.parameters(u, k)["spontaneous_curvature"])
+        H0 = size * float(unknowns.parameters(u, k)["scaled_spontaneous_curvature"])
         p = dict(zip(FOLLOWING, map(float, values), strict=True))
-        p |= {"spontaneous_curvature": H0, "radius": radius}
+        p |= {"scaled_spontaneous_curvature": H0, "radius": radius}
         errors = _errors(residuals, descent, robust, k, slopes)
         mesh = residuals.models[k].equilibrium.mesh
         numbers, signed = distances(target, mesh, np.asarray(x))
@@ -201,14 +201,19 @@ def statistics(targets, residuals: ShapeResiduals, descent: Descent, placed, noi
 def _errors(residuals, descent, robust: Identification, k: int, slopes) -> dict[str, float]:
     """Standard errors of the numbers of one shape, which follow the free parameters."""
     unknowns = residuals.unknowns
-    place, names = unknowns.places[k][SHAPE_NAMES.index("spontaneous_curvature")], robust.names
+    place, names = (
+        unknowns.places[k][SHAPE_PARAMETERS.index("scaled_spontaneous_curvature")],
+        robust.names,
+    )
     of_H0 = 0.0 if place < 0 else robust.standard_errors[names[place]] * float(residuals.sizes[k])
     n = len(names)
     chain = slopes[:, :n] / np.asarray(unknowns.slopes(descent.u))[None]
     told = np.array([robust.identifiable[label] for label in names], bool)
     spread = np.sqrt(np.maximum(np.diag(chain @ robust.covariance @ chain.T), 0.0))
     spread = np.where(np.any(np.abs(chain[:, ~told]) > 1e-9, axis=1), np.inf, spread)
-    return dict(zip(FOLLOWING, map(float, spread), strict=True)) | {"spontaneous_curvature": of_H0}
+    return dict(zip(FOLLOWING, map(float, spread), strict=True)) | {
+        "scaled_spontaneous_curvature": of_H0
+    }
 
 
 def distances(

@@ -13,7 +13,7 @@ from ._pose import Pose
 from ._unknowns import Unknowns
 
 # What an equilibrium has besides its spontaneous curvature, in the order of `Aux.numbers`.
-FOLLOWING = ("tension", "pressure", "reduced_volume")
+FOLLOWING = ("scaled_tension", "scaled_pressure", "reduced_volume")
 # Where the model has no solution: far above any distance, so that the step is rejected.
 NOWHERE = 1e3
 # The shortest part of the way to other parameters that is tried before giving up.
@@ -35,11 +35,11 @@ class Model(eqx.Module):
         one = jnp.ones(())
         p = Parameters(
             0.5 * one,
-            parameters["spontaneous_curvature"] * one,
+            parameters["scaled_spontaneous_curvature"] * one,
             4 * jnp.pi * one,
             parameters["reduced_volume"] * 4 * jnp.pi / 3,
             jnp.zeros(()),
-            parameters["pressure"] * one,
+            parameters["scaled_pressure"] * one,
         )
         return self.at(p)
 
@@ -136,7 +136,7 @@ class ShapeResiduals(eqx.Module):
     def shape(self, u: Float[Array, " unknowns"], k: int):
         """The equilibrium of one target, whether it exists, and its nodes in their place."""
         p = dict(self.unknowns.parameters(u, k))
-        p["spontaneous_curvature"] = p["spontaneous_curvature"] * self.sizes[k]
+        p["scaled_spontaneous_curvature"] = p["scaled_spontaneous_curvature"] * self.sizes[k]
         found, exists = self.models[k].solved(p)
         return found, exists, self.placed(found.x, u, k)
 

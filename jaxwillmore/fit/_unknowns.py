@@ -11,17 +11,17 @@ from jaxtyping import Array, Float
 from ._parameters import AbstractRange, Between, Unbounded
 from ._pose import POSE_NAMES
 
-SHAPE_NAMES = ("reduced_volume", "spontaneous_curvature", "pressure")
+SHAPE_PARAMETERS = ("reduced_volume", "scaled_spontaneous_curvature", "scaled_pressure")
 MEANINGS = {
     "reduced_volume": "reduced volume",
-    "spontaneous_curvature": "H0·R0",
-    "pressure": "P·R0³/κ",
+    "scaled_spontaneous_curvature": "H0·R0",
+    "scaled_pressure": "P·R0³/κ",
 }
 RANGES = {
     # Near 1 area and volume cannot be held together.
     "reduced_volume": (0.25, 0.997),
-    "spontaneous_curvature": (-10.0, 10.0),
-    "pressure": None,
+    "scaled_spontaneous_curvature": (-10.0, 10.0),
+    "scaled_pressure": None,
 }
 
 
@@ -67,7 +67,7 @@ class Unknowns(eqx.Module):
         place = self.places[target]
         return {
             name: self.held[target, i] if place[i] < 0 else free[place[i]]
-            for i, name in enumerate(SHAPE_NAMES)
+            for i, name in enumerate(SHAPE_PARAMETERS)
         }
 
     def motion(self, u: Float[Array, " unknowns"], target: int) -> Float[Array, "7"]:
@@ -82,7 +82,7 @@ class Unknowns(eqx.Module):
         """
         u = np.zeros(self.size)
         for place, given in zip(self.places, values, strict=True):
-            for i, name in enumerate(SHAPE_NAMES):
+            for i, name in enumerate(SHAPE_PARAMETERS):
                 if place[i] >= 0:
                     try:
                         u[place[i]] = self.ranges[place[i]].unknown(float(given[name]))
@@ -115,14 +115,14 @@ def unknowns(
     """
     for what, names in (("free", free), ("shared", shared), ("bounds", bounds)):
         for name in names:
-            if name not in SHAPE_NAMES:
-                raise ValueError(f"`{what}` has {name!r}; there are {', '.join(SHAPE_NAMES)}.")
+            if name not in SHAPE_PARAMETERS:
+                raise ValueError(f"`{what}` has {name!r}; there are {', '.join(SHAPE_PARAMETERS)}.")
     labels: list[str] = []
     ranges: list[AbstractRange] = []
     places = []
     for k in range(len(held)):
         place = []
-        for name in SHAPE_NAMES:
+        for name in SHAPE_PARAMETERS:
             if name not in free:
                 place.append(-1)
                 continue
@@ -133,7 +133,7 @@ def unknowns(
                 ranges.append(Unbounded() if bound is None else Between(*bound))
             place.append(labels.index(label))
         places.append(tuple(place))
-    table = [[float(values.get(name, 0.0)) for name in SHAPE_NAMES] for values in held]
+    table = [[float(values.get(name, 0.0)) for name in SHAPE_PARAMETERS] for values in held]
     return Unknowns(tuple(labels), tuple(places), tuple(ranges), jnp.asarray(table))
 
 

@@ -1,16 +1,17 @@
 r"""Canham–Helfrich flow with moduli and spontaneous curvature that vary over the surface.
 
-For $E = \int \tfrac b2 (H - H_0)^2 + b_k K$, $b = 2 b_b$, with fields that stay on their material
-points, $\partial^\bullet b = \partial^\bullet H_0 = \partial^\bullet b_k = 0$ along $V\nu$, the L²
-gradient flow is $V = \Delta_\Gamma U + Q$ with $U = b (H - H_0)$ and
+For $E = \int \tfrac\kappa2 (H - H_0)^2 + b_k K$, $\kappa = 2 b_b$, with fields that stay on their
+material points, $\partial^\bullet \kappa = \partial^\bullet H_0 = \partial^\bullet b_k = 0$ along
+$V\nu$, the L² gradient flow is $V = \Delta_\Gamma U + Q$ with $U = \kappa (H - H_0)$ and
 
-$$ Q = |A|^2 U - \tfrac12 b H (H - H_0)^2 + q, \qquad
+$$ Q = |A|^2 U - \tfrac12 \kappa H (H - H_0)^2 + q, \qquad
    q = \nabla_\Gamma\cdot((H I - A) \nabla_\Gamma b_k). $$
 
 The normal obeys $\partial^\bullet\nu = -\nabla\Delta U - \nabla Q$; $g = \nabla U$ takes the place
 of $z$ in the Kovács–Li–Lubich system, and $q$ is an unknown too, so that $Q$ is a number at a
 quadrature point. Every function below is one equation at one quadrature point, left side minus
-right side. For constant fields, $g = b z$ and the system is that of `WillmoreFlow`, term by term.
+right side. For constant fields, $g = \kappa z$ and the system is that of `WillmoreFlow`, term by
+term.
 """
 
 from typing import Any
@@ -41,16 +42,16 @@ from ._willmore import check_resolution, mean_curvature_equation
 PARAMETERS = ("bending_modulus", "spontaneous_curvature", "gaussian_modulus")
 
 
-def potential_gradient(H: Jet, b: Jet, H0: Jet) -> Float[Array, "3"]:
-    r"""$\nabla U = b (\nabla H - \nabla H_0) + (H - H_0) \nabla b$ of $U = b (H - H_0)$."""
-    return b.value * (H.grad - H0.grad) + (H.value - H0.value) * b.grad
+def potential_gradient(H: Jet, kappa: Jet, H0: Jet) -> Float[Array, "3"]:
+    r"""$\nabla U$ of $U = \kappa (H - H_0)$: $\kappa\nabla(H - H_0) + (H - H_0)\nabla\kappa$."""
+    return kappa.value * (H.grad - H0.grad) + (H.value - H0.value) * kappa.grad
 
 
-def lower_order_force(hat, b: Jet, H0: Jet) -> Float[Array, ""]:
-    r"""$|A|^2 U - \tfrac12 b H (H - H_0)^2$, the part of $Q$ without derivatives of the fields."""
+def lower_order_force(hat, kappa: Jet, H0: Jet) -> Float[Array, ""]:
+    r"""$|A|^2 U - \tfrac12 \kappa H (H - H_0)^2$, what of $Q$ has no derivatives of the fields."""
     A, H = weingarten(hat.nu), hat.H.value
     excess = H - H0.value
-    return b.value * (inner(A, A) * excess - 0.5 * H * excess**2)
+    return kappa.value * (inner(A, A) * excess - 0.5 * H * excess**2)
 
 
 def potential_velocity_equation(V: Jet, grad_U, Q, chi: Jet) -> Float[Array, ""]:
@@ -65,7 +66,8 @@ def potential_normal_equation(rate, g: Jet, hat, grad_U, Q, chi: Jet) -> Float[A
        + ((\nabla H\cdot\nabla U)\nu, \chi) + (A^2\nabla U, \chi)
        + 2 (A\nabla U, (\nabla\chi)\nu) + (Q, \nabla\cdot\chi) - (Q H \nu, \chi) $$
 
-    For $U = bH$ with constant $b$ it is (10c). On $\nabla\chi$ see `normal_equation` there.
+    For $U = \kappa H$ with constant $\kappa$ it is (10c). On $\nabla\chi$ see `normal_equation`
+    there.
     """
     A, H, nu = weingarten(hat.nu), hat.H.value, hat.nu.value
     flux = (
@@ -79,19 +81,19 @@ def potential_normal_equation(rate, g: Jet, hat, grad_U, Q, chi: Jet) -> Float[A
     return inner(rate, chi.value) - flux - force
 
 
-def potential_gradient_equation(g: Jet, nu: Jet, hat, b: Jet, H0: Jet, chi: Jet):
+def potential_gradient_equation(g: Jet, nu: Jet, hat, kappa: Jet, H0: Jet, chi: Jet):
     r"""$g = \nabla U$ without derivatives of $H$, by $\nabla H = \Delta\nu + |A|^2\nu$:
 
-    $$ (g, \chi) = -(\nabla\nu, \nabla(b\chi)) + (b |A|^2 \nu, \chi) - (b \nabla H_0, \chi)
-       + ((H - H_0) \nabla b, \chi) $$
+    $$ (g, \chi) = -(\nabla\nu, \nabla(\kappa\chi)) + (\kappa |A|^2 \nu, \chi)
+       - (\kappa \nabla H_0, \chi) + ((H - H_0) \nabla\kappa, \chi) $$
     """
     A = weingarten(hat.nu)
-    weighted = b.value * chi.grad + jnp.outer(chi.value, b.grad)
-    known = (hat.H.value - H0.value) * b.grad - b.value * H0.grad
+    weighted = kappa.value * chi.grad + jnp.outer(chi.value, kappa.grad)
+    known = (hat.H.value - H0.value) * kappa.grad - kappa.value * H0.grad
     return (
         inner(g.value, chi.value)
         + inner(nu.grad, weighted)
-        - b.value * inner(A, A) * inner(nu.value, chi.value)
+        - kappa.value * inner(A, A) * inner(nu.value, chi.value)
         - inner(known, chi.value)
     )
 
@@ -106,13 +108,13 @@ def gaussian_force_equation(q: Jet, hat, b_k: Jet, chi: Jet) -> Float[Array, ""]
 class HelfrichFlow(AbstractLaw):
     r"""Canham–Helfrich flow with parameters that are numbers, fields, or depend on a concentration.
 
-    $$ V = \Delta_\Gamma(b (H - H_0)) + |A|^2 b (H - H_0) - \tfrac12 b H (H - H_0)^2
-       + \nabla_\Gamma\cdot((H I - A) \nabla_\Gamma b_k) + f, \qquad b = 2 b_b $$
+    $$ V = \Delta_\Gamma(\kappa (H - H_0)) + |A|^2 \kappa (H - H_0) - \tfrac12 \kappa H (H - H_0)^2
+       + \nabla_\Gamma\cdot((H I - A) \nabla_\Gamma b_k) + f, \qquad \kappa = 2 b_b $$
 
     with the normal force $f$ of the other laws of its system. Unknowns are $H, V, \nu, g$ and,
     where $b_k$ varies, $q$. Nodes move with $V\nu$ and carry nodal fields along; functions of the
     concentration $c$ are evaluated at the quadrature points. The consistency terms are those of
-    `WillmoreFlow`, with the weight $\alpha = c \max(b |A_h|^4)$.
+    `WillmoreFlow`, with the weight $\alpha = c \max(\kappa |A_h|^4)$.
 
     **Arguments:**
 
@@ -206,12 +208,12 @@ class HelfrichFlow(AbstractLaw):
         return getattr(s.data, name) if parameter.ndim else Jet(parameter, jnp.zeros(3))
 
     def _bending(self, s: Local) -> tuple[Jet, Jet]:
-        """b = 2 b_b and H₀."""
+        """κ = 2 b_b and H₀."""
         b_b, H0 = (self._jet(s, name) for name in PARAMETERS[:2])
         return Jet(2 * b_b.value, 2 * b_b.grad), H0
 
-    def _force(self, s: Local, b: Jet, H0: Jet):
-        Q = lower_order_force(s.hat, b, H0) + s.force()
+    def _force(self, s: Local, kappa: Jet, H0: Jet):
+        Q = lower_order_force(s.hat, kappa, H0) + s.force()
         # An earlier stage has solved for q; its extrapolation is not known in the first step.
         return Q + s.trial.q.value if self._has_gaussian_force else Q
 
@@ -221,20 +223,20 @@ class HelfrichFlow(AbstractLaw):
         )
 
     def _velocity(self, s: Local, chi: Jet):
-        b, H0 = self._bending(s)
-        grad_U = potential_gradient(s.trial.H, b, H0)
-        return potential_velocity_equation(s.trial.V, grad_U, self._force(s, b, H0), chi)
+        kappa, H0 = self._bending(s)
+        grad_U = potential_gradient(s.trial.H, kappa, H0)
+        return potential_velocity_equation(s.trial.V, grad_U, self._force(s, kappa, H0), chi)
 
     def _normal(self, s: Local, chi: Jet):
-        b, H0 = self._bending(s)
-        grad_U, Q = potential_gradient(s.hat.H, b, H0), self._force(s, b, H0)
+        kappa, H0 = self._bending(s)
+        grad_U, Q = potential_gradient(s.hat.H, kappa, H0), self._force(s, kappa, H0)
         return potential_normal_equation(s.rate.nu, s.trial.g, s.hat, grad_U, Q, chi) + (
             normal_consistency(s.trial.nu, s.point, s.data.alpha, chi)
         )
 
     def _potential_gradient(self, s: Local, chi: Jet):
-        b, H0 = self._bending(s)
-        return potential_gradient_equation(s.trial.g, s.trial.nu, s.hat, b, H0, chi)
+        kappa, H0 = self._bending(s)
+        return potential_gradient_equation(s.trial.g, s.trial.nu, s.hat, kappa, H0, chi)
 
     def _gaussian_force(self, s: Local, chi: Jet):
         return gaussian_force_equation(s.trial.q, s.hat, self._jet(s, "gaussian_modulus"), chi)

@@ -32,8 +32,8 @@ MOBILITY_FLOOR = 1e-3
 def potential_equation(mu: Jet, slope: Jet, chi: Jet) -> Float[Array, ""]:
     r"""$(\mu, \chi) = (\partial f/\partial c, \chi) + (\partial f/\partial\nabla c, \nabla\chi)$.
 
-    For $f = \Psi + \tfrac\gamma2|\nabla c|^2 + \tfrac b2 (H - H_0)^2 + b_k K$ that is
-    $\mu = \Psi' - \gamma\Delta c + \tfrac12 b' e^2 - b e H_0' + b_k' K$ with $e = H - H_0$.
+    For $f = \Psi + \tfrac\gamma2|\nabla c|^2 + \tfrac\kappa2 (H - H_0)^2 + b_k K$ that is
+    $\mu = \Psi' - \gamma\Delta c + \tfrac12\kappa' e^2 - \kappa e H_0' + b_k' K$, $e = H - H_0$.
     """
     return mu.value * chi.value - slope.value * chi.value - inner(slope.grad, chi.grad)
 
@@ -152,19 +152,19 @@ class AllenCahn(AbstractLaw):
 
     **Arguments:**
 
-    - `mobility`: $\beta$, rate per chemical potential.
+    - `kinetic_coefficient`: $\beta$, length²/(energy·time).
     - `held_amount`: hold the amount $\int c$ of the start by the exchange potential $\bar\mu$, a
       global unknown; otherwise $\bar\mu = 0$ and the amount changes.
 
-    **Raises:** `ValueError` for a mobility that is not positive; in a `System`, without an energy
-    that depends on $c$.
+    **Raises:** `ValueError` for a coefficient that is not positive; in a `System`, without an
+    energy that depends on $c$.
     """
 
-    mobility: Float[Array, ""]
+    kinetic_coefficient: Float[Array, ""]
     held_amount: bool
 
-    def __init__(self, mobility=1.0, held_amount: bool = False):
-        self.mobility = positive("mobility", mobility)
+    def __init__(self, kinetic_coefficient=1.0, held_amount: bool = False):
+        self.kinetic_coefficient = positive("kinetic_coefficient", kinetic_coefficient)
         self.held_amount = bool(held_amount)
 
     def statement(self):
@@ -175,7 +175,7 @@ class AllenCahn(AbstractLaw):
             needs_density=True,
             force=lambda s: s.hat.c.value * s.hat.mu.value * s.hat.H.value,
             globals=self._exchange() if self.held_amount else None,
-            diffusion_time=lambda length, potential: 1 / (self.mobility * potential),
+            diffusion_time=lambda length, potential: 1 / (self.kinetic_coefficient * potential),
             record=self._record,
             activity=self._activity,
             implicit_only=True,
@@ -186,7 +186,7 @@ class AllenCahn(AbstractLaw):
 
     def _relaxation(self, s: Local, chi: Jet):
         mean = self._mean(s.multipliers)
-        return relaxation_equation(s.rate.c, s.trial.mu, mean, self.mobility, chi)
+        return relaxation_equation(s.rate.c, s.trial.mu, mean, self.kinetic_coefficient, chi)
 
     def _exchange(self) -> Globals:
         r"""$\int(\mu - \bar\mu) = 0$, which with the conservative step holds $\int c$."""
@@ -199,7 +199,9 @@ class AllenCahn(AbstractLaw):
         return Globals(("exchange_potential",), closures, lambda u: u.potential[None])
 
     def _record(self, s: Whole):
-        density = lambda _, f: self.mobility * (f.mu.value - self._mean(s.multipliers)) ** 2
+        density = lambda _, f: (
+            self.kinetic_coefficient * (f.mu.value - self._mean(s.multipliers)) ** 2
+        )
         return concentration_record(s) | {
             "phase_dissipation": integrate(s.mesh, s.x, density, {"mu": s.fields["mu"]})
         }

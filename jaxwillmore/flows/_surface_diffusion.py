@@ -31,25 +31,25 @@ class SurfaceDiffusion(AbstractLaw):
 
     **Arguments:**
 
-    - `mobility`: $m$, length⁴/time.
+    - `mullins_coefficient`: $m$, length⁴/time.
     - `consistency`: factor $c$ of the consistency terms, $\alpha = c\,m\,\max|A_h|^4$.
 
-    **Raises:** `ValueError` for a mobility that is not positive or a negative `consistency`.
+    **Raises:** `ValueError` for a coefficient that is not positive or a negative `consistency`.
 
     ??? cite "Reference"
         Kovács, Li, Lubich (2021), *Numer. Math.* 149, 595–643, section 7 (Q = 0).
     """
 
-    mobility: Float[Array, ""]
+    mullins_coefficient: Float[Array, ""]
     consistency: Float[Array, ""]
 
-    def __init__(self, mobility=1.0, consistency=6.0):
-        self.mobility = positive("mobility", mobility)
+    def __init__(self, mullins_coefficient=1.0, consistency=6.0):
+        self.mullins_coefficient = positive("mullins_coefficient", mullins_coefficient)
         self.consistency = non_negative("consistency", consistency)
 
     def statement(self):
         def time(length):
-            return length**4 / self.mobility
+            return length**4 / self.mullins_coefficient
 
         fields = geometric_fields(self._mean_curvature, self._velocity, self._normal, time)
         z = Field("z", self._auxiliary_normal, lambda u: 1 / u.length**2, components=3)
@@ -71,16 +71,18 @@ class SurfaceDiffusion(AbstractLaw):
         )
 
     def _velocity(self, s: Local, chi: Jet):
-        return normal_velocity_equation(s.trial.V, s.trial.H, self.mobility, s.force(), chi)
+        return normal_velocity_equation(
+            s.trial.V, s.trial.H, self.mullins_coefficient, s.force(), chi
+        )
 
     def _normal(self, s: Local, chi: Jet):
-        return normal_equation(s.rate.nu, s.trial.z, s.hat, self.mobility, s.force(), chi) + (
-            normal_consistency(s.trial.nu, s.point, s.data.alpha, chi)
-        )
+        return normal_equation(
+            s.rate.nu, s.trial.z, s.hat, self.mullins_coefficient, s.force(), chi
+        ) + (normal_consistency(s.trial.nu, s.point, s.data.alpha, chi))
 
     def _auxiliary_normal(self, s: Local, chi: Jet):
         return auxiliary_normal_equation(s.trial.z, s.trial.nu, s.hat, chi)
 
     def _weight(self, s):
         A2 = nodal_weingarten_squared(s.mesh, s.x, s.fields["nu"])
-        return consistency_weight("global", self.consistency * self.mobility, A2**2)
+        return consistency_weight("global", self.consistency * self.mullins_coefficient, A2**2)

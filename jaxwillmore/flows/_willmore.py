@@ -41,15 +41,15 @@ def mean_curvature_equation(rate, V: Jet, hat, chi: Jet) -> Float[Array, ""]:
     return rate * chi.value - inner(V.grad, chi.grad) + inner(A, A) * V.value * chi.value
 
 
-def normal_velocity_equation(V: Jet, H: Jet, b, Q, chi: Jet) -> Float[Array, ""]:
-    r"""(10b)  $(V, \chi) = -b (\nabla H, \nabla\chi) + (Q, \chi)$ with $b = 2 b_b$."""
-    return V.value * chi.value + b * inner(H.grad, chi.grad) - Q * chi.value
+def normal_velocity_equation(V: Jet, H: Jet, kappa, Q, chi: Jet) -> Float[Array, ""]:
+    r"""(10b)  $(V, \chi) = -\kappa (\nabla H, \nabla\chi) + (Q, \chi)$ with $\kappa = 2 b_b$."""
+    return V.value * chi.value + kappa * inner(H.grad, chi.grad) - Q * chi.value
 
 
-def normal_equation(rate, z: Jet, hat, b, Q, chi: Jet) -> Float[Array, ""]:
-    r"""(10c), with $b = 2 b_b$ before every term of the flux of $b\,\Delta H$:
+def normal_equation(rate, z: Jet, hat, kappa, Q, chi: Jet) -> Float[Array, ""]:
+    r"""(10c), with $\kappa = 2 b_b$ before every term of the flux of $\kappa\,\Delta H$:
 
-    $$ (\partial^\bullet\nu, \chi) = b\,[(\nabla z, \nabla\chi) + ((HA - A^2) z, \chi)
+    $$ (\partial^\bullet\nu, \chi) = \kappa\,[(\nabla z, \nabla\chi) + ((HA - A^2) z, \chi)
        + (|\nabla H|^2 \nu, \chi) + (A^2\nabla H, \chi) + 2 (A\nabla H, (\nabla\chi)\nu)]
        + (Q, \nabla\cdot\chi) - (Q H \nu, \chi) $$
 
@@ -65,7 +65,7 @@ def normal_equation(rate, z: Jet, hat, b, Q, chi: Jet) -> Float[Array, ""]:
         + 2.0 * inner(A @ g, chi.grad.T @ nu)
     )
     force = Q * trace(chi.grad) - Q * H * inner(nu, chi.value)
-    return inner(rate, chi.value) - b * flux - force
+    return inner(rate, chi.value) - kappa * flux - force
 
 
 def auxiliary_normal_equation(z: Jet, nu: Jet, hat, chi: Jet) -> Float[Array, ""]:
@@ -146,7 +146,7 @@ class WillmoreFlow(AbstractLaw):
         )
 
     def force(self, hat) -> Float[Array, ""]:
-        r"""$Q = b\,[|A|^2 (H - H_0) - \tfrac12 H (H - H_0)^2]$, the lower-order part of the law."""
+        r"""$Q = \kappa\,[|A|^2 (H - H_0) - \tfrac12 H (H - H_0)^2]$, the lower-order part."""
         A, H = weingarten(hat.nu), hat.H.value
         excess = H - self.spontaneous_curvature
         return 2 * self.bending_modulus * (inner(A, A) * excess - 0.5 * H * excess**2)
@@ -157,12 +157,12 @@ class WillmoreFlow(AbstractLaw):
         )
 
     def _velocity(self, s: Local, chi: Jet):
-        b, Q = 2 * self.bending_modulus, self.force(s.hat) + s.force()
-        return normal_velocity_equation(s.trial.V, s.trial.H, b, Q, chi)
+        kappa, Q = 2 * self.bending_modulus, self.force(s.hat) + s.force()
+        return normal_velocity_equation(s.trial.V, s.trial.H, kappa, Q, chi)
 
     def _normal(self, s: Local, chi: Jet):
-        b, Q = 2 * self.bending_modulus, self.force(s.hat) + s.force()
-        return normal_equation(s.rate.nu, s.trial.z, s.hat, b, Q, chi) + (
+        kappa, Q = 2 * self.bending_modulus, self.force(s.hat) + s.force()
+        return normal_equation(s.rate.nu, s.trial.z, s.hat, kappa, Q, chi) + (
             normal_consistency(s.trial.nu, s.point, s.data.alpha, chi)
         )
 

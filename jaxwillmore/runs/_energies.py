@@ -6,7 +6,7 @@ from ..mesh import SurfaceMesh
 
 
 def bending_energy(case: Case) -> CanhamHelfrich:
-    """∫ b (H − H0)² of one phase, without the constant of the Gaussian curvature."""
+    """∫ b_b (H − H0)² of one phase, without the constant of the Gaussian curvature."""
     energy = case.energy
     return CanhamHelfrich(
         energy.bending_modulus, spontaneous_curvature=energy.spontaneous_curvature

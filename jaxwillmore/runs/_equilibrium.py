@@ -194,8 +194,8 @@ def notes_of(case: Case) -> list[str]:
     if case.phase is None:
         return []
     return [
-        "An equilibrium has no kinetics: law, mobility, degenerate and hold_amount of [phase] play "
-        "no part, and its amount is held."
+        "An equilibrium has no kinetics: law, mobility, kinetic_coefficient, degenerate and "
+        "hold_amount of [phase] play no part, and its amount is held."
     ]
 
 

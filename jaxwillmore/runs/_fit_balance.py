@@ -18,12 +18,8 @@ def balance(task: FitTask, targets, folder: RunFolder, resume: bool, progress) -
     if resume:
         raise CaseError('a fit by "force-balance" has no steps to resume.', section="fit")
     surfaces = [(m, x) if m.degree > 1 else _lifted(m, x) for m, x in targets]
-    known = {} if "spontaneous_curvature" in task.fit.free else {"spontaneous_curvature": 0.0}
-    if known and task.model.spontaneous_curvature != 0.0:
-        problem = 'a held value other than 0 is for method = "match".'
-        raise CaseError(problem, section="model", key="spontaneous_curvature")
-    shared = [name for name in task.fit.shared if name != "reduced_volume"]
-    found = fits.force_balance(surfaces, known=known, shared=shared, noise=task.fit.noise)
+    known = {name: 0.0 for name in fits.FORCE_PARAMETERS if name not in task.fit.free}
+    found = fits.force_balance(surfaces, known=known, shared=task.fit.shared, noise=task.fit.noise)
     for k, ((mesh, x), field) in enumerate(zip(surfaces, found.residuals, strict=True)):
         write_npz(folder.file(f"final_{k}.npz"), mesh, x, {"residual": field})
         if task.fit.picture:

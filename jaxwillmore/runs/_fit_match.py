@@ -15,14 +15,15 @@ from ._fit_summary import ending, identification, verdict_of
 def match(task: FitTask, targets, folder: RunFolder, resume: bool, progress) -> dict[str, Any]:
     """Fit equilibria by distance; the summary."""
     model, fit = task.model, task.fit
-    start = {"spontaneous_curvature": model.spontaneous_curvature}
+    start = {"scaled_spontaneous_curvature": model.scaled_spontaneous_curvature}
     start |= {} if model.reduced_volume is None else {"reduced_volume": model.reduced_volume}
-    start |= {} if model.pressure is None else {"pressure": model.pressure}
+    if model.scaled_pressure is not None:
+        start["scaled_pressure"] = model.scaled_pressure
     bounds = {
         name: value
         for name, value in (
             ("reduced_volume", fit.reduced_volume_bounds),
-            ("spontaneous_curvature", fit.spontaneous_curvature_bounds),
+            ("scaled_spontaneous_curvature", fit.scaled_spontaneous_curvature_bounds),
         )
         if value is not None
     }
@@ -85,7 +86,9 @@ def _draw(folder: RunFolder, targets, found: fits.ShapeFit) -> None:
     with warned_only():
         for k, (target, shape) in enumerate(zip(targets, found.shapes, strict=True)):
             p, rms = shape.parameters, shape.distances["rms"]
-            words = f"v = {p['reduced_volume']:.4f},  H0·R0 = {p['spontaneous_curvature']:.3f}"
+            words = (
+                f"v = {p['reduced_volume']:.4f},  H0·R0 = {p['scaled_spontaneous_curvature']:.3f}"
+            )
             title = f"{status}: {words},  R0 = {p['radius']:.4g},  rms distance {rms:.3g}"
             draw_shape(folder, k, target, (shape.mesh, shape.x), shape.residual, title, rms)
         draw_profiles(folder, found, found.robust.standard_errors)

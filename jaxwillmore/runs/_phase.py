@@ -21,7 +21,9 @@ def mixing_energy(case: Case) -> TwoPhase | GinzburgLandau:
     if phase.well == "quartic":
         well = QuarticWell(phase.line_tension, phase.interface_width)
     else:
-        well = FloryHuggins(phase.temperature, phase.interaction, phase.gradient_coefficient)
+        well = FloryHuggins(
+            phase.entropy_coefficient, phase.interaction, phase.gradient_coefficient
+        )
     if case.flow.kind == "phase":
         return GinzburgLandau(well=well)
     b_b = _modulus(phase.bending_modulus, 0.5)
@@ -44,7 +46,7 @@ def kinetics(case: Case) -> CahnHilliard | AllenCahn:
     phase = _phase(case)
     if phase.law == "cahn-hilliard":
         return CahnHilliard(phase.mobility, phase.degenerate)
-    return AllenCahn(phase.mobility, phase.hold_amount)
+    return AllenCahn(phase.kinetic_coefficient, phase.hold_amount)
 
 
 def starting_concentration(case: Case, mesh: SurfaceMesh, x) -> Float[Array, " nodes"]:

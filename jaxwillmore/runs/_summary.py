@@ -126,7 +126,7 @@ def gaussian_energy(case: Case, mesh: SurfaceMesh) -> float:
 
 
 def _scaled(case: Case, area: float, tension: float, pressure: float) -> dict[str, float]:
-    """Tension and pressure, also in units of κ = 2 b (of the phase c = 0) and R0 = √(A/4π)."""
+    """Tension and pressure, also in units of κ = 2 b_b (of the phase c = 0) and R0 = √(A/4π)."""
     b = case.energy.bending_modulus
     if case.phase is not None and case.phase.bending_modulus is not None:
         b = case.phase.bending_modulus[0]
@@ -134,8 +134,8 @@ def _scaled(case: Case, area: float, tension: float, pressure: float) -> dict[st
     return {
         "tension": tension,
         "pressure": pressure,
-        "tension_scaled": tension * R0**2 / kappa,
-        "pressure_scaled": pressure * R0**3 / kappa,
+        "scaled_tension": tension * R0**2 / kappa,
+        "scaled_pressure": pressure * R0**3 / kappa,
     }
 
 

@@ -1,6 +1,7 @@
 r"""Exact solutions of the flows, to measure errors against.
 
-Conventions: $H = \kappa_1 + \kappa_2$, outward normal, energy $\int b_b (H - H_0)^2$, $b = 2 b_b$.
+Conventions: $H = \kappa_1 + \kappa_2$, outward normal, energy $\int b_b (H - H_0)^2$ and
+$\kappa = 2 b_b$.
 """
 
 import math
@@ -24,8 +25,9 @@ def sphere_radius(
 ) -> float:
     r"""Radius at time `t` of a sphere that starts with `radius`.
 
-    $$ \dot R = b H_0 (2 - H_0 R)/R^2, \qquad
-       t = -\frac{1}{b H_0^4}\Big[\tfrac12 s^2 + 2 s + 4 \ln|2 - s|\Big]_{H_0 R(0)}^{H_0 R(t)} $$
+    $$ \dot R = \kappa H_0 (2 - H_0 R)/R^2, \qquad
+       t = -\frac{1}{\kappa H_0^4}
+       \Big[\tfrac12 s^2 + 2 s + 4 \ln|2 - s|\Big]_{H_0 R(0)}^{H_0 R(t)} $$
 
     The bracket is solved for $y = \ln|2 - s|$ by bracketing, so that the approach to the
     equilibrium $R = 2/H_0$ costs no digits.
@@ -71,18 +73,19 @@ def mode_rate(
 ) -> float:
     r"""Growth rate of a spherical harmonic of degree `mode` on a sphere in equilibrium.
 
-    $$ -\frac{b}{R^4}(l-1)(l+2)\Big[l(l+1) + \frac{\sigma R^2}{b} + \tfrac12 (H_0R)^2
+    $$ -\frac{\kappa}{R^4}(l-1)(l+2)\Big[l(l+1) + \frac{\sigma R^2}{\kappa} + \tfrac12 (H_0R)^2
        - 2H_0R\Big] $$
 
-    for $E = \int \tfrac b2 (H - H_0)^2 + \sigma A - PV$ with the pressure that balances the radius.
+    for $E = \int \tfrac\kappa2 (H - H_0)^2 + \sigma A - PV$ with the pressure that balances the
+    radius.
     Willmore flow: $-(l-1)l(l+1)(l+2)/R^4$, that is −24 and −120 for l = 2 and 3 on the unit
     sphere.
     """
     if mode < 0:
         raise ValueError(f"`mode` must not be negative; got {mode}.")
-    b, s = 2 * bending_modulus, spontaneous_curvature * radius
-    bracket = mode * (mode + 1) + surface_tension * radius**2 / b + 0.5 * s**2 - 2 * s
-    return -b / radius**4 * (mode - 1) * (mode + 2) * bracket
+    kappa, s = 2 * bending_modulus, spontaneous_curvature * radius
+    bracket = mode * (mode + 1) + surface_tension * radius**2 / kappa + 0.5 * s**2 - 2 * s
+    return -kappa / radius**4 * (mode - 1) * (mode + 2) * bracket
 
 
 def willmore_velocity(
@@ -98,7 +101,7 @@ def willmore_velocity(
     $\Delta_\Gamma H$ is the trace of the tangential Hessian of the curvature of the level sets,
     $\Delta h - \nu\cdot D^2 h\,\nu - H\,\partial_\nu h$; all derivatives are made by JAX.
     """
-    b, H0 = 2 * jnp.asarray(bending_modulus, float), jnp.asarray(spontaneous_curvature, float)
+    kappa, H0 = 2 * jnp.asarray(bending_modulus, float), jnp.asarray(spontaneous_curvature, float)
 
     def curvature(p):
         return surface.mean_curvature(p[None])[0]
@@ -107,7 +110,7 @@ def willmore_velocity(
         nu, A = surface.normal(p[None])[0], surface.weingarten(p[None])[0]
         H, gradient, hessian = curvature(p), jax.grad(curvature)(p), jax.hessian(curvature)(p)
         laplacian = jnp.trace(hessian) - nu @ hessian @ nu - H * jnp.dot(gradient, nu)
-        return b * (laplacian + jnp.sum(A * A) * (H - H0) - 0.5 * H * (H - H0) ** 2)
+        return kappa * (laplacian + jnp.sum(A * A) * (H - H0) - 0.5 * H * (H - H0) ** 2)
 
     return jax.vmap(at)(x)
 

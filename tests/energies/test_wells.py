@@ -121,8 +121,8 @@ def test_a_multiple_of_a_well_has_a_multiple_of_the_line_tension_and_the_same_wi
     [
         (lambda: QuarticWell(0.0, 0.1), "`line_tension` must be positive; got 0"),
         (lambda: QuarticWell(1.0, -0.1), "`interface_width` must be positive; got -0.1"),
-        (lambda: FloryHuggins(0.0, 1.0, 1.0), "`temperature` must be positive; got 0"),
-        (lambda: FloryHuggins(1.0, 2.0, 1.0), "`interaction` > 2 `temperature` = 2; got 2"),
+        (lambda: FloryHuggins(0.0, 1.0, 1.0), "`entropy_coefficient` must be positive; got 0"),
+        (lambda: FloryHuggins(1.0, 2.0, 1.0), "`interaction` > 2 `entropy_coefficient` = 2; got 2"),
         (lambda: FloryHuggins(1.0, 3.0, -1.0), "`gradient_coefficient` must be positive"),
         (lambda: FloryHuggins(1.0, 3.0, 1.0, 0.08), "`cutoff` must lie between 0 and .* 0.0707"),
         (lambda: FloryHuggins(1.0, 3.0, 1.0, 0.0), "`cutoff` must lie between 0"),

@@ -43,7 +43,9 @@ def test_a_case_is_complete_and_reads_back_the_same(tmp_path):
     path.write_text(CASE)
     task = load_fit(path)
     assert task.target.file == (str(tmp_path / "cell.npz"),)
-    assert task.fit.free == ("reduced_volume",) and task.fit.shared == ("spontaneous_curvature",)
+    assert task.fit.free == ("reduced_volume",) and task.fit.shared == (
+        "scaled_spontaneous_curvature",
+    )
     assert load_fit(task.to_toml()) == task
 
 
@@ -98,7 +100,7 @@ def test_forces_are_balanced_into_a_folder(oblate):
     run = run_fit(task, oblate / "out")
     assert run.succeeded
     summary = json.loads((oblate / "out" / "summary.json").read_text())
-    assert summary["parameters"][0]["pressure"] == pytest.approx(OBLATE[2], rel=0.06)
+    assert summary["parameters"][0]["pressure_over_kappa"] == pytest.approx(OBLATE[2], rel=0.06)
     assert summary["verdict"] == "agrees" and summary["warnings"] == []
     assert summary["in_words"][1].startswith("κ is not identifiable")
     assert (oblate / "out" / "final_0.npz").exists()

@@ -27,8 +27,8 @@ def errors(case, level):
     return np.array(
         [
             found["spontaneous_curvature"] - H0,
-            found["tension"] / tension - 1,
-            found["pressure"] / pressure - 1,
+            found["tension_over_kappa"] / tension - 1,
+            found["pressure_over_kappa"] / pressure - 1,
         ]
     )
 
@@ -51,7 +51,12 @@ def test_parameters_scale_and_ignore_rigid_motion():
     R, size = np.asarray(random_rotation(jr.key(0))), 2.5
     plain = force_balance([(mesh, x)]).parameters[0]
     moved = force_balance([(mesh, size * x @ R.T + [1.0, -2.0, 0.5])]).parameters[0]
-    powers = {"spontaneous_curvature": 1, "effective_tension": 2, "tension": 2, "pressure": 3}
+    powers = {
+        "spontaneous_curvature": 1,
+        "effective_tension_over_kappa": 2,
+        "tension_over_kappa": 2,
+        "pressure_over_kappa": 3,
+    }
     for name, power in powers.items():
         np.testing.assert_allclose(moved[name] * size**power, plain[name], rtol=1e-6)
 
@@ -61,8 +66,13 @@ def test_known_values_are_taken_and_scale_invariance_ties_the_rest():
     mesh, x = oblate()
     found = force_balance([(mesh, x)], known={"spontaneous_curvature": 0.0}).parameters[0]
     assert found["spontaneous_curvature"] == 0.0
-    sides = 2 * found["tension"] * area(mesh, jnp.asarray(x)), volume(mesh, jnp.asarray(x))
-    np.testing.assert_allclose(sides[0], 3 * found["pressure"] * sides[1], rtol=1.5e-2)  # 162 nodes
+    sides = (
+        2 * found["tension_over_kappa"] * area(mesh, jnp.asarray(x)),
+        volume(mesh, jnp.asarray(x)),
+    )
+    np.testing.assert_allclose(
+        sides[0], 3 * found["pressure_over_kappa"] * sides[1], rtol=1.5e-2
+    )  # 162 nodes
 
 
 def test_a_sphere_tells_nothing_and_says_so():
@@ -92,15 +102,19 @@ def test_surfaces_share_what_is_theirs_together():
     alone = force_balance([(mesh, x)]).parameters[0]
     both = force_balance([(mesh, x), (mesh, 2.0 * x)], known={"spontaneous_curvature": 0.0})
     assert both.identification.names == (
-        "effective_tension[0]",
-        "effective_tension[1]",
-        "pressure[0]",
-        "pressure[1]",
+        "scaled_effective_tension[0]",
+        "scaled_effective_tension[1]",
+        "scaled_pressure[0]",
+        "scaled_pressure[1]",
     )
     first, second = both.parameters
-    np.testing.assert_allclose(first["pressure"], 8 * second["pressure"], rtol=1e-6)
-    same = force_balance(2 * [(mesh, x)], shared=("spontaneous_curvature", "pressure"))
-    np.testing.assert_allclose(same.parameters[1]["pressure"], alone["pressure"], rtol=1e-6)
+    np.testing.assert_allclose(
+        first["pressure_over_kappa"], 8 * second["pressure_over_kappa"], rtol=1e-6
+    )
+    same = force_balance(2 * [(mesh, x)], shared=("spontaneous_curvature", "pressure_over_kappa"))
+    np.testing.assert_allclose(
+        same.parameters[1]["pressure_over_kappa"], alone["pressure_over_kappa"], rtol=1e-6
+    )
     assert len(same.identification.names) == 4
 
 

@@ -17,9 +17,9 @@ from jaxwillmore.fit._shape_residuals import Model, bare
 from ..helpers import random_rotation
 from .profiles import PROLATE, equilibrium_nodes
 
-TRUTH = {"reduced_volume": 0.75, "spontaneous_curvature": -0.6}
+TRUTH = {"reduced_volume": 0.75, "scaled_spontaneous_curvature": -0.6}
 # Both 50 % off: the volume by its distance from the sphere.
-START = {"reduced_volume": 0.625, "spontaneous_curvature": -0.3}
+START = {"reduced_volume": 0.625, "scaled_spontaneous_curvature": -0.3}
 SIZE, SHIFT, ROTATION = 2.5, np.array([1.0, -2.0, 0.5]), random_rotation(jr.key(4))
 
 
@@ -33,7 +33,7 @@ def first_equilibrium(p):
 def moved_to(start, p):
     """The equilibrium at other parameters on the reference surface of `start`."""
     where = lambda q: (q.volume, q.spontaneous_curvature)
-    values = p["reduced_volume"] * 4 * np.pi / 3, p["spontaneous_curvature"]
+    values = p["reduced_volume"] * 4 * np.pi / 3, p["scaled_spontaneous_curvature"]
     return equilibria.resolve(
         start, eqx.tree_at(where, start.parameters, tuple(map(jnp.asarray, values)))
     )
@@ -57,7 +57,7 @@ def near(pose_of_truth):
         "origin": (np.asarray(origin) + 0.1).tolist(),
         "size": 0.9 * size,
     }
-    return MatchIterate((START | {"pressure": 0.0},), (pose,))
+    return MatchIterate((START | {"scaled_pressure": 0.0},), (pose,))
 
 
 @pytest.fixture(scope="module")
@@ -85,8 +85,8 @@ def test_a_twin_is_recovered_from_half_way_off(fitted, twin):
     for name, value in TRUTH.items():
         np.testing.assert_allclose(shape.parameters[name], value, rtol=1e-6)
     # Tension and pressure are the multipliers of the shape, in units of κ = 1 and R0 = 1.
-    np.testing.assert_allclose(shape.parameters["tension"], made.tension, rtol=1e-6)
-    np.testing.assert_allclose(shape.parameters["pressure"], made.pressure, rtol=1e-6)
+    np.testing.assert_allclose(shape.parameters["scaled_tension"], made.tension, rtol=1e-6)
+    np.testing.assert_allclose(shape.parameters["scaled_pressure"], made.pressure, rtol=1e-6)
     np.testing.assert_allclose(shape.parameters["radius"], SIZE, rtol=1e-6)
     assert shape.distances["largest"] < 1e-6 * SIZE
 
@@ -94,8 +94,8 @@ def test_a_twin_is_recovered_from_half_way_off(fitted, twin):
 @pytest.mark.slow
 def test_a_model_goes_a_long_way_in_parts():
     """Where Newton's method alone does not arrive; it is the shape that one finds there."""
-    here = {"reduced_volume": 0.7, "spontaneous_curvature": 0.6}
-    there = {"reduced_volume": 0.8, "spontaneous_curvature": 1.2}
+    here = {"reduced_volume": 0.7, "scaled_spontaneous_curvature": 0.6}
+    there = {"reduced_volume": 0.8, "scaled_spontaneous_curvature": 1.2}
 
     def prolate(p):
         held: dict[str, Any] = {"area": 4 * np.pi} | p
@@ -107,7 +107,8 @@ def test_a_model_goes_a_long_way_in_parts():
     model = Model(bare(start), Pose(jnp.eye(3), jnp.zeros(3), jnp.ones(())))
     solved = eqx.filter_jit(lambda model, p: model.solved(p))
     found, exists = solved(
-        model, {name: jnp.asarray(v) for name, v in there.items()} | {"pressure": jnp.zeros(())}
+        model,
+        {name: jnp.asarray(v) for name, v in there.items()} | {"scaled_pressure": jnp.zeros(())},
     )
     assert bool(exists) and bool(found.converged)
     np.testing.assert_allclose(found.energy, prolate(there).energy, rtol=0.02)
@@ -194,13 +195,15 @@ def test_shapes_share_one_spontaneous_curvature_and_keep_their_volumes():
     volumes, sizes, curvature = (0.75, 0.7), (1.0, 2.0), -0.9 / 1.5
     targets, poses, starts = [], [], []
     for v, size in zip(volumes, sizes, strict=True):
-        begin = {"reduced_volume": v - 0.03, "spontaneous_curvature": 1.2 * curvature * size}
+        begin = {"reduced_volume": v - 0.03, "scaled_spontaneous_curvature": 1.2 * curvature * size}
         mesh, start = first_equilibrium(begin)
-        made = moved_to(start, {"reduced_volume": v, "spontaneous_curvature": curvature * size})
+        made = moved_to(
+            start, {"reduced_volume": v, "scaled_spontaneous_curvature": curvature * size}
+        )
         targets.append((mesh, size * made.x))
         poses.append({"axes": np.eye(3).tolist(), "origin": [0.0, 0.0, 0.0], "size": size})
         # The shared unknown is in units of the mean radius, 1.5.
-        shared = {"spontaneous_curvature": 1.2 * curvature * 1.5, "pressure": 0.0}
+        shared = {"scaled_spontaneous_curvature": 1.2 * curvature * 1.5, "scaled_pressure": 0.0}
         starts.append(begin | shared)
     fit = match_shapes(
         targets,
@@ -211,11 +214,11 @@ def test_shapes_share_one_spontaneous_curvature_and_keep_their_volumes():
         throw=False,
     )
     assert fit.succeeded, name_of(fit.result)
-    labels = ("reduced_volume[0]", "reduced_volume[1]", "spontaneous_curvature")
+    labels = ("reduced_volume[0]", "reduced_volume[1]", "scaled_spontaneous_curvature")
     assert set(fit.identification.names) == set(labels)
     for shape, v, size in zip(fit.shapes, volumes, sizes, strict=True):
         np.testing.assert_allclose(shape.parameters["reduced_volume"], v, rtol=1e-3)
-        found = shape.parameters["spontaneous_curvature"]
+        found = shape.parameters["scaled_spontaneous_curvature"]
         np.testing.assert_allclose(found, curvature * size, rtol=2e-2)
 
 
@@ -226,14 +229,14 @@ def test_pressure_may_be_free_in_place_of_the_volume():
     mesh, x = equilibrium_nodes(*PROLATE, level=1)
     fit = match_shapes(
         [(mesh, x)],
-        free=("pressure",),
-        start={"pressure": 1.1 * pressure, "spontaneous_curvature": H0},
+        free=("scaled_pressure",),
+        start={"scaled_pressure": 1.1 * pressure, "scaled_spontaneous_curvature": H0},
         level=1,
         throw=False,
     )
     assert fit.succeeded, name_of(fit.result)
     # 162 nodes; the volume of the exact shape is 0.8001.
-    np.testing.assert_allclose(fit.shapes[0].parameters["pressure"], pressure, rtol=0.03)
+    np.testing.assert_allclose(fit.shapes[0].parameters["scaled_pressure"], pressure, rtol=0.03)
     np.testing.assert_allclose(fit.shapes[0].parameters["reduced_volume"], 0.8001, atol=5e-3)
 
 
@@ -261,9 +264,9 @@ def test_wrong_targets_are_refused(targets, message):
     [
         ({"free": ("bending_modulus",)}, "`free` has 'bending_modulus'"),
         ({"free": ()}, "`free` is empty"),
-        ({"free": ("reduced_volume", "pressure")}, "not both"),
-        ({"free": ("pressure",)}, "either free and has a value"),
-        ({"start": {"pressure": -3.0}}, "either free and has a value"),
+        ({"free": ("reduced_volume", "scaled_pressure")}, "not both"),
+        ({"free": ("scaled_pressure",)}, "either free and has a value"),
+        ({"start": {"scaled_pressure": -3.0}}, "either free and has a value"),
         ({"start": {"reduced_volume": 1.2}}, "between 0.25 and 0.997"),
         ({"start": {"tension": 1.2}}, "`start` has 'tension'"),
         ({"bounds": {"reduced_volume": (0.9, 0.5)}}, "in order"),

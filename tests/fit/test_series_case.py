@@ -77,9 +77,9 @@ def test_what_makes_no_sense_is_refused(changes, message):
 
 
 def test_a_series_has_no_equilibrium_and_a_shape_no_flow():
-    with pytest.raises(CaseError, match=r"\[model\]: is not for method"):
+    with pytest.raises(CaseError, match=r"\[model\]: is for method = \"match\""):
         load_fit(tables() | {"model": {"kind": "oblate"}})
-    with pytest.raises(CaseError, match=r"\[flow\]: is not for method"):
+    with pytest.raises(CaseError, match=r"\[flow\]: is for method = \"series\""):
         load_fit({"target": {"file": "a"}, "flow": {"tension": 1.0}})
 
 

@@ -13,7 +13,7 @@ from jaxwillmore.fit._targets import target
 from jaxwillmore.fit._unknowns import unknowns
 from jaxwillmore.surface import area, reduced_volume
 
-HELD = {"spontaneous_curvature": 0.0, "pressure": 0.0}
+HELD = {"scaled_spontaneous_curvature": 0.0, "scaled_pressure": 0.0}
 
 
 @pytest.mark.parametrize("volume", [0.5, 0.62])
@@ -53,10 +53,14 @@ def test_several_starts_are_those_that_the_target_asks_for():
     assert labels(0.6, 0.6)[BOWL] == 0.6
     # A bowl at the volume of the target, or at the one that is held.
     assert labels(0.6, 0.7)[BOWL] == 0.6
-    assert BOWL not in labels(0.6, 0.7, free=("spontaneous_curvature",))
-    assert labels(0.7, 0.6, free=("spontaneous_curvature",)).keys() == {"prolate", "oblate", BOWL}
+    assert BOWL not in labels(0.6, 0.7, free=("scaled_spontaneous_curvature",))
+    assert labels(0.7, 0.6, free=("scaled_spontaneous_curvature",)).keys() == {
+        "prolate",
+        "oblate",
+        BOWL,
+    }
     # Volumes follow a free pressure; out of bounds nothing starts; a resumed fit goes on.
-    assert labels(0.6, 0.7, free=("pressure",)) == plain
+    assert labels(0.6, 0.7, free=("scaled_pressure",)) == plain
     assert labels(0.6, 0.7, bounds={"reduced_volume": (0.65, 0.9)}) == plain
     assert labels(0.6, 0.7, resume=MatchIterate((), ())) == {"prolate": 0.7}
 

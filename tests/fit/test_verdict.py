@@ -23,7 +23,7 @@ class Shape:
     distances: dict
 
 
-KNOWN = {"reduced_volume": True, "spontaneous_curvature": True}
+KNOWN = {"reduced_volume": True, "scaled_spontaneous_curvature": True}
 
 
 def verdict(field, *, size=1.0, noise=None, result=RESULTS.converged, known=KNOWN, others=()):
@@ -72,8 +72,8 @@ def test_a_model_of_another_size_is_no_match():
 
 
 def test_a_flat_direction_is_undetermined():
-    found = verdict(white, known=KNOWN | {"spontaneous_curvature": False})
-    assert found.word == "undetermined" and "spontaneous_curvature" in found.sentence
+    found = verdict(white, known=KNOWN | {"scaled_spontaneous_curvature": False})
+    assert found.word == "undetermined" and "scaled_spontaneous_curvature" in found.sentence
     assert verdict(white, result=RESULTS.on_bound).word == "undetermined"
     assert judged((), (), RESULTS.model_failed, KNOWN, None).word == "undetermined"
 
@@ -86,10 +86,10 @@ def test_an_unfinished_fit_and_a_rival_are_suspected():
 
 
 def test_forces():
-    known = {"pressure": True}
+    known = {"scaled_pressure": True}
     assert judged_forces(0.01, known).word == "agrees"
     assert judged_forces(0.4, known).word == "misfit"
-    assert judged_forces(0.01, {"pressure": False}).word == "undetermined"
+    assert judged_forces(0.01, {"scaled_pressure": False}).word == "undetermined"
 
 
 def interface(n, shift=0.0):

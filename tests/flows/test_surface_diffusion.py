@@ -53,6 +53,6 @@ def test_it_is_willmore_flow_without_its_lower_order_terms():
         np.testing.assert_allclose(of(law, name), of(willmore, name) + force, rtol=1e-12)
 
 
-def test_mobility_is_checked():
-    with pytest.raises(ValueError, match="`mobility` must be positive; got 0"):
+def test_the_coefficient_is_checked():
+    with pytest.raises(ValueError, match="`mullins_coefficient` must be positive; got 0"):
         SurfaceDiffusion(0)
