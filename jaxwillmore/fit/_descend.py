@@ -203,7 +203,7 @@ def _call(u, residuals):
     """
 
     def twice(u):
-        r, aux = residuals(u)
+        r, aux = _at(residuals, u)
         return (r, aux.numbers), (r, aux)
 
     here = jax.lax.stop_gradient(u)
@@ -211,11 +211,17 @@ def _call(u, residuals):
     return r + J @ (u - here), (aux, slopes)
 
 
+# A program of its own, so that all uses below trace it once.
+@eqx.filter_jit
+def _at(residuals, u):
+    return residuals(u)
+
+
 # The state holds the traced derivative, which is compared by identity: the same compiled function
 # must make it for all fits, or each of them would compile the step again.
 @eqx.filter_jit
 def _init(solver, residuals, u):
-    f, aux = jax.eval_shape(residuals, u)
+    f, aux = jax.eval_shape(lambda u: _at(residuals, u), u)
     slopes = jax.ShapeDtypeStruct((*aux.numbers.shape, *u.shape), u.dtype)
     return solver.init(_call, u, residuals, {}, f, (aux, slopes), frozenset())
 

@@ -2,12 +2,14 @@
 
 from typing import Any
 
+import equinox as eqx
 import numpy as np
 from jaxtyping import Array, Float
 from scipy.spatial import KDTree
 
 from ..equilibria import Equilibrium, equilibrium
 from ..mesh import icosphere
+from ._descend import evaluate
 from ._shape_fit import ShapeFit
 
 # Equilibria of degree 2 on half the mesh size are 2^4 times nearer to the limit.
@@ -29,24 +31,29 @@ def mesh_errors(fit: ShapeFit) -> dict[str, float]:
     if not fit.shapes:
         raise ValueError("The fit has no shapes: it had no solution.")
     residuals, u = fit.residuals, fit.u
+    fine = evaluate(residuals, u).residuals
     changes, rows, used = [], [], 0
     for k, (model, seen) in enumerate(zip(residuals.models, residuals.observed, strict=True)):
-        x_fine, motion = fit.shapes[k].x, residuals.unknowns.motion(u, k)
-        coarse = _coarser(fit, k, model.pose.back(x_fine, motion))
+        motion = residuals.unknowns.motion(u, k)
+        coarse = _coarser(fit, k, model.pose.back(fit.shapes[k].x, motion))
         if not coarse.succeeded:
             return dict.fromkeys(residuals.labels, float("inf"))
         x = model.pose.place(coarse.x, motion)
-        reference = model.equilibrium.reference
-        fine = residuals.misfit.rows(seen, reference.mesh, reference.X, x_fine)[0]
-        other = residuals.misfit.rows(seen, coarse.mesh, coarse.x, x)[0]
+        other = np.asarray(_rows(residuals.misfit, seen, coarse.mesh, coarse.x, x))
         shared = residuals.misfit.shared(seen)
-        changes.append(np.asarray((other[:shared] - fine[:shared]) / residuals.unit))
-        rows.append(used + np.arange(shared))
-        used += len(fine)
+        own = used + np.arange(shared)
+        changes.append(other[:shared] / float(residuals.unit) - fine[own])
+        rows.append(own)
+        used += shared + residuals.misfit.of_model(model.equilibrium.mesh)
     J = fit.jacobian[np.concatenate(rows)]
     moved = np.linalg.lstsq(J, np.concatenate(changes), rcond=1e-8)[0][: len(residuals.labels)]
     own = np.abs(moved * np.asarray(residuals.unknowns.slopes(u))) / (2**ORDER - 1)
     return dict(zip(residuals.labels, map(float, own), strict=True))
+
+
+@eqx.filter_jit
+def _rows(misfit, seen, mesh, reference, x):
+    return misfit.rows(seen, mesh, reference, x)[0]
 
 
 def _coarser(fit: ShapeFit, k: int, x: Float[Array, "nodes 3"]) -> Equilibrium:

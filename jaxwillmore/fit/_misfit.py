@@ -53,6 +53,10 @@ class AbstractMisfit(eqx.Module):
         """Number of leading rows that mean the same for models on all meshes."""
 
     @abc.abstractmethod
+    def of_model(self, mesh: SurfaceMesh) -> int:
+        """Number of rows after these, which belong to the mesh of the model."""
+
+    @abc.abstractmethod
     def mass(self, targets: Sequence[Target]) -> float:
         """Sum of squares of all rows over the mean square distance."""
 
@@ -100,6 +104,9 @@ class Points(AbstractMisfit):
 
     def shared(self, seen):
         return len(seen.points)
+
+    def of_model(self, mesh):
+        return mesh.n_nodes if self.both_ways else 0
 
     def mass(self, targets):
         return float(self.count(targets))
@@ -167,6 +174,9 @@ class Harmonics(AbstractMisfit):
 
     def shared(self, seen):
         return len(seen.coefficients)
+
+    def of_model(self, mesh):
+        return 0
 
     def mass(self, targets):
         return 4 * math.pi * len(targets)

@@ -11,7 +11,9 @@ from ..io import RunFolder
 from ..plot import PlotError, overlay_picture, profile_picture, surface_picture
 
 # A profile reaches this many standard errors to either side, but no further than this.
-PROFILE_WIDTH, PROFILE_MOST, PROFILE_POINTS = 3.0, 0.5, 9
+PROFILE_WIDTH, PROFILE_MOST, PROFILE_POINTS = 3.0, 0.5, 7
+# How far the other unknowns may be from their least, in standard errors: χ² off by 0.1 at most.
+PROFILE_TOLERANCE = 0.3
 
 
 @contextlib.contextmanager
@@ -59,7 +61,7 @@ def _profiles(found: fits.ShapeFit | fits.FlowFit, errors: dict[str, float]):
         offsets = width * np.linspace(-1.0, 1.0, PROFILE_POINTS)
         allowed = found.residuals.ranges[k]
         values = np.array([middle + d for d in offsets if _allowed(allowed, middle + d)])
-        profiles[label] = values, fits.profile(found, label, values)
+        profiles[label] = values, fits.profile(found, label, values, tolerance=PROFILE_TOLERANCE)
         best[label] = middle
     return profiles, best
 
