@@ -8,8 +8,8 @@ import pytest
 
 from jaxwillmore._functions import as_data
 from jaxwillmore.energies import ExternalPotential, Pressure
-from jaxwillmore.evolve import replay
-from jaxwillmore.flows import Forcing, Loads, MeanCurvatureFlow, System
+from jaxwillmore.evolve import evolve, replay
+from jaxwillmore.flows import Forcing, Loads, MeanCurvatureFlow, System, WillmoreFlow
 from jaxwillmore.mesh import icosphere
 from jaxwillmore.surface import volume
 
@@ -94,3 +94,28 @@ def test_a_run_has_derivatives_by_what_a_function_closes_over(sphere, flow_of):
     difference = (end(0.7 + 1e-4) - end(0.7 - 1e-4)) / 2e-4
     assert abs(float(slope)) > 1e-3
     np.testing.assert_allclose(slope, difference, rtol=1e-6)
+
+
+def test_other_parameters_and_times_compile_nothing(sphere):
+    """The second call of `evolve` and of `replay`, outside of any `jit` of the user."""
+    mesh, x = sphere
+    x, compiled = x.at[:, 2].multiply(1.2), []
+
+    def seen(event, _, **__):
+        if "backend_compile" in event:
+            compiled.append(event)
+
+    def run(H0, t1):
+        evolve(WillmoreFlow(0.5, H0), mesh, x, t1=t1)
+        times = jnp.linspace(0.0, t1, 3)
+        volume(mesh, replay(WillmoreFlow(0.5, H0), mesh, x, times).x[-1])
+
+    run(0.0, 1e-3)
+    jax.monitoring.register_event_duration_secs_listener(seen)
+    try:
+        run(0.1, 1.2e-3)
+        assert not compiled
+        jax.jit(lambda p: p + jnp.arange(7.0))(x[:7, 0])
+        assert compiled  # the listener hears
+    finally:
+        jax.monitoring.clear_event_listeners()

@@ -49,7 +49,9 @@ def damped(
         new_y = y - damping * steps[0]
         new_f = residual(new_y)
         tried += 1
-        after = np.linalg.norm(new_f)
+        # A step so far astray that the square of its residual overflows is one too long.
+        with np.errstate(over="ignore", invalid="ignore"):
+            after = np.linalg.norm(new_f)
         falls = after <= (1 - 1e-4 * damping) * before or size * damping < TRUST
         accepted = bool(falls and np.isfinite(after))
         if accepted or (len(steps) == 1 and damping <= SMALLEST_DAMPING):
