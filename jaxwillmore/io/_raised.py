@@ -1,8 +1,9 @@
 """From flat triangles to curved ones, with a word on how far that moves area and volume."""
 
 import equinox as eqx
+import numpy as np
 
-from ..mesh import Finding, SurfaceReport, raise_degree
+from ..mesh import Finding, SurfaceReport, creases, raise_degree
 from ..surface import area, volume
 
 # Larger changes of area or volume are no smoothing of a fine mesh.
@@ -12,10 +13,11 @@ LARGE_CHANGE = 0.03
 def raised(mesh, x, degree: int, report: SurfaceReport):
     """A flat triangulation with curved triangles through its vertices, and the report on it.
 
-    A finding is added where area or volume change by more than 3 %.
+    A finding is added where there are creases, and where area or volume change by more than 3 %.
     """
     if degree == mesh.degree:
         return mesh, x, report
+    report = _with_creases(mesh, x, degree, report)
     before = _measures(mesh, x)
     new, new_x = raise_degree(mesh, x, degree)
     changes = [float(b / a) - 1 for a, b in zip(before, _measures(new, new_x), strict=True)]
@@ -33,6 +35,23 @@ def raised(mesh, x, degree: int, report: SurfaceReport):
         "bring a finer mesh.",
     )
     return new, new_x, report._replace(findings=(*report.findings, finding))
+
+
+def _with_creases(mesh, x, degree: int, report: SurfaceReport) -> SurfaceReport:
+    edges = creases(np.asarray(mesh.triangles), np.asarray(x))
+    if not len(edges):
+        return report
+    finding = Finding(
+        "creases",
+        "warning",
+        len(edges),
+        tuple(tuple(map(int, edge)) for edge in edges[:10]),
+        f"These edges are bent by more than 60° and stay sharp at degree {degree}: there the "
+        "bending energy has no limit as the mesh is refined.",
+        "Smooth a measured surface (`surface.spherical`, in a case `smooth`), or bring a finer "
+        "mesh.",
+    )
+    return report._replace(findings=(*report.findings, finding))
 
 
 @eqx.filter_jit

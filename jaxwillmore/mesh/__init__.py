@@ -13,6 +13,8 @@ from ._generators import (
     torus as torus,
 )
 from ._intersections import self_intersections as self_intersections
+from ._lifting import creases as creases
+from ._noise import Scatter as Scatter, scatter as scatter
 from ._quality import Quality as Quality, quality as quality
 from ._refine import (
     prolongate as prolongate,

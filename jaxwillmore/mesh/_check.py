@@ -13,6 +13,7 @@ from ._defects import (
     faces_by_themselves,
     how_faces_join,
     piercing,
+    roughness,
     shape,
     unmerged,
 )
@@ -80,8 +81,11 @@ def check_surface(
         more, geometry = shape(points, clean, proper, edge, found)
         found += more
         numbers |= geometry
-        if self_intersections and not any(f.severity == "error" for f in found):
-            found += piercing(points, clean)
+        if not any(f.severity == "error" for f in found):
+            more, numbers["scatter"] = roughness(points, clean)
+            found += more
+            if self_intersections:
+                found += piercing(points, clean)
     return SurfaceReport(tuple(found), n_vertices, len(triangles), **numbers)
 
 

@@ -7,6 +7,7 @@ from scipy.spatial import KDTree
 from ._adjacency import Edges, Triangles
 from ._arrays import REPAIR, finding, remedy
 from ._intersections import piercing_faces, winding_number
+from ._noise import excess_energy, flat_willmore, rounding, scatter
 from ._quality import areas, corner_angles, edge_lengths, quality_of
 from ._report import Finding
 from ._topology import (
@@ -28,6 +29,7 @@ _FLAT = 1e-10  # area over squared diameter below which a triangle counts as col
 _TOUCHING = 1e-3  # distance over median edge below which two vertices look like one
 _FAR = 1e7  # distance from the origin over median edge that costs half of the digits
 _SCALES = (1e-5, 1e5)
+_NOISY, _ROUNDED = 0.15, 0.01  # parts of ½∫H² that are noise, or rounding
 _MOST_COMPONENTS = 50  # nesting is tested pair by pair
 _ORIENT = remedy("fix_orientation=True", "fix_orientation = true", "--repair OUT.ply")
 
@@ -201,6 +203,30 @@ def shape(points: Points, triangles: Triangles, number: FaceNumbers, edge: Edges
         geometry["volume"] = float(np.linalg.det(corners).sum() / 6)
         more += _sides(points, triangles, corners, number)
     return more, geometry
+
+
+def roughness(points: Points, triangles: Triangles):
+    """What noise and missing digits do to curvature, and the estimate for the report."""
+    used, triangles = np.unique(triangles, return_inverse=True)
+    points, triangles = points[used], triangles.reshape(-1, 3)
+    found, estimate = [], scatter(triangles, points)
+    if estimate is not None and estimate.share > _NOISY:
+        text = f"The {estimate}."
+        advice = (
+            "Smooth it: `surface.spherical`, in a case `smooth`; or keep degree 1, whose curvature "
+            "is the least wrong."
+        )
+        found.append(finding("noise", [], text, advice, count=len(points), severity="warning"))
+    last = rounding(points)
+    share = excess_energy(last, triangles, points) / flat_willmore(triangles, points)
+    if share > _ROUNDED:
+        text = (
+            f"The numbers have the digits of single precision, the last one worth {last:.2g} here: "
+            f"about {share:.1%} of ½∫H² is rounding."
+        )
+        advice = "Subtract the centre before digits are cut, write more digits, or smooth."
+        found.append(finding("few_digits", [], text, advice, count=len(points), severity="warning"))
+    return found, estimate
 
 
 def _scale(points: Points, triangles: Triangles, corners) -> list[Finding]:

@@ -1,73 +1,91 @@
-"""A smooth surface through the vertices of a triangulation: curved point-normal triangles."""
+"""A smooth surface through the vertices of a triangulation: local polynomials, blended.
+
+About every vertex the surface is a height over the plane of its normal: a polynomial of degree
+four through the vertex, fitted to its neighbours and theirs. Over a triangle the polynomials of
+its three corners are blended. Where the vertices lie on a smooth surface, so do the new points, up
+to O(h⁵).
+
+Edges that are bent sharply are creases: their ends have no polynomial, what lies between them
+stays flat, and no fit looks beyond.
+"""
+
+import math
+from typing import NamedTuple
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Bool, Float, Int
 
 from ..reference import lagrange_basis
-from ._adjacency import Triangles, directed_edges
+from ._adjacency import Edges, Triangles, edges
+from ._stencils import powers, stencils
+
+# An edge bent by more than this is a crease.
+CREASE = math.radians(60)
+# A fit is believed if its equations are that far from singular, and its coefficients, in units of
+# the mean distance of the neighbours, are those of a surface that the mesh can show.
+SMALLEST, STEEPEST, LARGEST = 1e-9, 1.0, 3.0
+# Newton's steps for the height over a flat triangle; each gains a factor of about ten.
+STEPS = 5
 
 
-def vertex_normals(
-    triangles: Triangles, x: Float[np.ndarray, "vertices 3"]
-) -> Float[np.ndarray, "vertices 3"]:
-    """Unit normals at the vertices, of second order in h also on irregular triangulations.
+class Charts(NamedTuple):
+    """A surface about each vertex as a polynomial height over a plane; zero on creases."""
 
-    Over the plane of the normals of `max_normals` a quadratic polynomial through the vertex is
-    fitted to its neighbours and theirs, with weights 1/distance²; its slope corrects the normal.
-    Where the neighbours do not determine the polynomial, or where it would tilt the normal by
-    more than 45°, as at a sharp edge, the correction is left out.
-    """
-    rough = max_normals(triangles, x)
-    start, end = _second_neighbours(triangles, len(x))
-    same_side = np.sum(rough[start] * rough[end], axis=1) > 0
-    start, end = start[same_side], end[same_side]
+    normals: Float[np.ndarray, "vertices 3"]
+    tangents: tuple[Float[np.ndarray, "vertices 3"], Float[np.ndarray, "vertices 3"]]
+    reach: Float[np.ndarray, " vertices"]
+    coefficients: Float[np.ndarray, "vertices 14"]
+    smooth: Bool[np.ndarray, " vertices"]
 
-    chord = x[end] - x[start]
-    distance = np.linalg.norm(chord, axis=1)
-    distance = np.where(distance > 0, distance, 1.0)
-    counts = np.bincount(start, minlength=len(x))
-    reach = np.bincount(start, distance, minlength=len(x)) / np.maximum(counts, 1)
-    chord /= np.where(reach > 0, reach, 1.0)[start, None]  # a fit in units of order one
-    t1, t2 = _tangents(rough)
-    u, v, w = (np.sum(chord * axis[start], axis=1) for axis in (t1, t2, rough))
-    terms = np.stack([u, v, u * u, u * v, v * v, w], axis=1) * (reach[start] / distance)[:, None]
-    moments = np.zeros((len(x), 6, 6))
-    for i, j in zip(*np.triu_indices(6), strict=True):
-        moments[:, i, j] = np.bincount(start, terms[:, i] * terms[:, j], minlength=len(x))
-        moments[:, j, i] = moments[:, i, j]
-    matrix, right = moments[:, :5, :5], moments[:, :5, 5:]
+    def normal_distance(self, x, at, points) -> Float[np.ndarray, "..."]:
+        """How far `points` are below the polynomials of the vertices `at`, along their normals."""
+        away = points - x[at]
+        u, v = (np.sum(away * t[at], axis=-1) / self.reach[at] for t in self.tangents)
+        height = np.sum(self.coefficients[at] * powers(u, v), axis=-1) * self.reach[at]
+        return height - np.sum(away * self.normals[at], axis=-1)
+
+
+def charts(triangles: Triangles, x: Float[np.ndarray, "vertices 3"]) -> Charts:
+    """The polynomials of all vertices: of degree four, of degree two where few neighbours tell."""
+    sharp = np.zeros(len(x), bool)
+    sharp[creases(triangles, x)] = True
+    near = stencils(triangles, x, ~sharp)
+    # The vertex itself is met; near neighbours count much more than far ones.
+    weight = near.distance**-4.0
+    columns = np.concatenate([powers(near.u, near.v), near.w[:, None]], axis=1)
+    moments = near.moments(columns * weight[:, None])
+    coefficients, smooth = np.zeros((len(x), 14)), np.zeros(len(x), bool)
+    for count in (14, 5):
+        found, good = _solved(moments[:, :count, :count], moments[:, :count, 14])
+        new = good & ~smooth & ~sharp
+        coefficients[new, :count], smooth = found[new], smooth | new
+    return Charts(near.normals, near.tangents, near.reach, coefficients, smooth)
+
+
+def _solved(matrix, right) -> tuple[np.ndarray, Bool[np.ndarray, " vertices"]]:
+    """Coefficients, and where they are those of a surface."""
     spectrum = np.linalg.eigvalsh(matrix)
-    usable = spectrum[:, 0] > 1e-6 * spectrum[:, -1]
-    slope = np.zeros((len(x), 2))
-    slope[usable] = np.linalg.solve(matrix[usable], right[usable])[:, :2, 0]
-    slope[np.sum(slope**2, axis=1) > 1.0] = 0.0
-    normals = rough - slope[:, :1] * t1 - slope[:, 1:] * t2
-    return normals / np.sqrt(1.0 + np.sum(slope**2, axis=1, keepdims=True))
+    good = spectrum[:, 0] > SMALLEST * spectrum[:, -1]
+    found = np.zeros(right.shape)
+    found[good] = np.linalg.solve(matrix[good], right[good][..., None])[..., 0]
+    good &= np.sum(found[:, :2] ** 2, axis=1) < STEEPEST**2
+    return found, good & (np.sum(np.abs(found), axis=1) < LARGEST)
 
 
-def max_normals(
-    triangles: Triangles, x: Float[np.ndarray, "vertices 3"]
-) -> Float[np.ndarray, "vertices 3"]:
-    r"""Unit normals at the vertices: triangle normals with the weights of Max.
-
-    $$ \nu \propto \sum_T \frac{e_1 \times e_2}{|e_1|^2 |e_2|^2} $$
-
-    over the triangles at the vertex, with $e_1, e_2$ their edges there. Exact when the vertex and
-    its neighbours lie on a sphere. A vertex whose sum vanishes gets the zero vector, for which
-    the lifting is flat.
-
-    ??? cite "Reference"
-        Max (1999), *J. Graphics Tools* 4(2), 1–6.
-    """
+def creases(
+    triangles: Triangles, x: Float[np.ndarray, "vertices 3"], edge: Edges | None = None
+) -> Int[np.ndarray, "creases 2"]:
+    """Ends of the edges that are bent by more than 60°."""
+    edge = edges(triangles) if edge is None else edge
     corners = x[triangles]
-    out = np.roll(corners, -1, axis=1) - corners
-    back = np.roll(corners, 1, axis=1) - corners
-    square = np.sum(out**2, axis=-1) * np.sum(back**2, axis=-1)
-    weighted = np.cross(out, back) / np.where(square > 0, square, 1.0)[..., None]
-    normals = np.zeros_like(x)
-    np.add.at(normals, triangles, weighted)
-    length = np.linalg.norm(normals, axis=1, keepdims=True)
-    return normals / np.where(length > 0, length, 1.0)
+    normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    size = np.linalg.norm(normals, axis=1, keepdims=True)
+    normals = normals / np.where(size > 0, size, 1.0)
+    total = np.zeros((len(edge.vertices), 3))
+    np.add.at(total, edge.of_cell, normals[:, None])
+    counts = np.bincount(edge.of_cell.ravel(), weights=np.repeat(size[:, 0] > 0, 3))
+    bent = np.sum(total**2, axis=1) < 2 + 2 * math.cos(CREASE)
+    return edge.vertices[bent & (counts == 2)]
 
 
 def lift(
@@ -75,56 +93,33 @@ def lift(
     x: Float[np.ndarray, "vertices 3"],
     xi: Float[np.ndarray, "points 2"],
 ) -> Float[np.ndarray, "cells points 3"]:
-    """Points at `xi` on the curved point-normal triangle over every triangle.
+    r"""Points over every triangle, at `xi` of the flat one, on the blend of its three polynomials.
 
-    Each is a cubic Bézier patch that interpolates the vertices and is tangent to their planes.
-    The curve over an edge depends on the two ends of the edge only, so neighbours meet.
+    A point moves along the normal that is interpolated between the corners, until the distances to
+    the three polynomials, with the weights $\lambda_i^2/\sum\lambda_j^2$ of its barycentric
+    coordinates, sum to nothing. On an edge only its two ends count, so neighbours meet. Vertices
+    without a polynomial hold a point where it is in the flat triangle.
 
     ??? cite "Reference"
-        Vlachos, Peters, Boyd, Mitchell (2001), *Curved PN triangles*, Proc. I3D, 159–166, (1)–(3).
+        Cazals, Pouget (2005), *Computer Aided Geometric Design* 22, 121–146 (fits of polynomial
+        heights and their order).
     """
-    normals = vertex_normals(triangles, x)
-    corner = x[triangles]
-    # near_start[:, e] is the control point at a third of directed edge e, near_end at two thirds.
-    pair = directed_edges(triangles)
-    near_start = _third(x, normals, pair[..., 0], pair[..., 1])
-    near_end = _third(x, normals, pair[..., 1], pair[..., 0])
-    on_edges = (near_start.sum(axis=1) + near_end.sum(axis=1)) / 6
-    centre = on_edges + 0.5 * (on_edges - corner.mean(axis=1))
-
-    here = lagrange_basis(1, xi)
-    following = np.roll(here, -1, axis=1)
-    points = np.einsum("qc,tcd->tqd", here**3, corner)
-    points += np.einsum("qe,ted->tqd", 3 * here**2 * following, near_start)
-    points += np.einsum("qe,ted->tqd", 3 * here * following**2, near_end)
-    points += np.einsum("q,td->tqd", 6 * here.prod(axis=1), centre)
-    return points
-
-
-def _third(x, normals, start, end):
-    """A third of the way from `start` to `end`, moved into the tangent plane at `start`."""
-    chord = x[end] - x[start]
-    height = np.sum(chord * normals[start], axis=-1, keepdims=True)
-    return x[start] + (chord - height * normals[start]) / 3
-
-
-def _second_neighbours(triangles: Triangles, n_vertices: int):
-    """Pairs (i, j), i ≠ j, of vertices joined by one or two edges, sorted by i."""
-    from scipy.sparse import coo_array
-
-    start, end = directed_edges(triangles).reshape(-1, 2).T
-    ones = np.ones(2 * len(start), dtype=np.int32)
-    both = (np.concatenate([start, end]), np.concatenate([end, start]))
-    first = coo_array((ones, both), shape=2 * (n_vertices,)).tocsr()
-    pairs = (first + first @ first).tocoo()
-    i, j = pairs.coords
-    return i[i != j], j[i != j]
-
-
-def _tangents(normals):
-    """Two unit vectors that complete each unit normal to an orthonormal frame."""
-    axis = np.eye(3)[np.argmin(np.abs(normals), axis=1)]
-    t1 = np.cross(normals, axis)
-    length = np.linalg.norm(t1, axis=1, keepdims=True)
-    t1 /= np.where(length > 0, length, 1.0)
-    return t1, np.cross(normals, t1)
+    local = charts(triangles, x)
+    basis = lagrange_basis(1, xi)
+    flat = np.einsum("qc,tcd->tqd", basis, x[triangles])
+    along = np.einsum("qc,tcd->tqd", basis, local.normals[triangles])
+    length = np.linalg.norm(along, axis=-1, keepdims=True)
+    along = along / np.where(length > 0, length, 1.0)
+    weights = basis**2 / np.sum(basis**2, axis=1, keepdims=True)
+    height = np.zeros(flat.shape[:2])
+    for _ in range(STEPS):
+        change = np.zeros_like(height)
+        points = flat + height[..., None] * along
+        for corner in range(3):
+            at = np.broadcast_to(triangles[:, corner, None], height.shape)
+            slant = np.sum(along * local.normals[at], axis=-1)
+            missing = local.normal_distance(x, at, points) / np.where(slant > 0.3, slant, 1.0)
+            own = np.where(local.smooth[at] & (slant > 0.3), missing, -height)
+            change += weights[:, corner] * own
+        height += change
+    return flat + height[..., None] * along

@@ -3,6 +3,7 @@
 from dataclasses import dataclass
 from typing import Literal, NamedTuple
 
+from ._noise import Scatter
 from ._quality import Quality
 
 Severity = Literal["error", "warning"]
@@ -56,6 +57,7 @@ class SurfaceReport(NamedTuple):
     area: float | None = None
     volume: float | None = None
     quality: Quality | None = None
+    scatter: Scatter | None = None
 
     @property
     def errors(self) -> tuple[Finding, ...]:
@@ -101,6 +103,8 @@ class SurfaceReport(NamedTuple):
                 f"{q.max_angle:.1f}°, chunkiness {q.chunkiness:.1f}, "
                 f"area ratio {q.area_ratio:.1f}, edge ratio {q.edge_ratio:.1f}"
             )
+        if self.scatter is not None:
+            lines.append(str(self.scatter))
         lines += [str(finding) for finding in (*self.errors, *self.warnings)]
         n_errors, n_warnings = len(self.errors), len(self.warnings)
         if self.findings:
