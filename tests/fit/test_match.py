@@ -118,7 +118,7 @@ def test_a_model_goes_a_long_way_in_parts():
 @pytest.mark.slow
 def test_the_words_say_that_kappa_is_not_in_a_shape(fitted):
     fit, _ = fitted
-    assert fit.in_words()[0].startswith("κ is not identifiable")
+    assert fit.in_words()[1].startswith("κ is not identifiable")
     assert all(fit.identification.identifiable.values())
 
 
