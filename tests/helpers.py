@@ -6,6 +6,7 @@ import jax
 import jax.numpy as jnp
 import jax.random as jr
 import numpy as np
+import pytest
 from jaxtyping import Array, Float
 
 
@@ -27,3 +28,7 @@ def random_rotation(key: Array) -> Float[Array, "3 3"]:
     Q, R = jnp.linalg.qr(jr.normal(key, (3, 3)))
     Q = Q * jnp.sign(jnp.diagonal(R))[None, :]
     return Q.at[:, 0].multiply(jnp.sign(jnp.linalg.det(Q)))
+
+
+# Of tests that hand in a NaN themselves, which JAX then finds before anybody else does.
+with_nan = pytest.mark.skipif(jax.config.jax_debug_nans, reason="JAX looks for NaNs")

@@ -100,20 +100,6 @@ def test_odd_memory_layouts_are_read(v, f):
     np.testing.assert_array_equal(mesh.cells, F)
 
 
-def test_curved_triangles_that_move_the_surface_are_told():
-    """A cube of 12 triangles: area 6 to 7.59, volume 1 to 1.78; a fine sphere says nothing."""
-    corners = np.array([[i, j, k] for i in (0.0, 1.0) for j in (0.0, 1.0) for k in (0.0, 1.0)])
-    squares = np.array(
-        [[0, 1, 3, 2], [4, 6, 7, 5], [0, 4, 5, 1], [2, 3, 7, 6], [0, 2, 6, 4], [1, 5, 7, 3]]
-    )
-    faces = np.concatenate([squares[:, [0, 1, 2]], squares[:, [0, 2, 3]]])
-    with pytest.warns(SurfaceWarning, match=r"area by \+2\d\.\d% and the volume by \+\d\d"):
-        read_surface((corners, faces), degree=2)
-    read_surface((corners, faces), degree=1)
-    mesh, x = icosphere(3, 1)
-    read_surface((np.asarray(x), np.asarray(mesh.triangles)), degree=2)
-
-
 @pytest.mark.filterwarnings("ignore::jaxwillmore.io.SurfaceWarning")  # these meshes are coarse
 @pytest.mark.parametrize("size", [5e-8, 1e-9, 1.0, 1e11, 1e12])
 @pytest.mark.parametrize("name", ["a.off", "a.obj", "a.ply"])
