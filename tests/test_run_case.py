@@ -251,7 +251,7 @@ def test_a_file_is_refined_and_raised(tmp_path, level, degree, nodes):
     assert start.initial == {}
     radii = np.linalg.norm(start.x, axis=1)
     # New nodes lie on the smooth lifting: flat facets of this ball would reach down to 0.95.
-    np.testing.assert_allclose(radii, 1.0, atol=5e-3)
+    np.testing.assert_allclose(radii, 1.0, atol=7e-3)
 
 
 @pytest.mark.filterwarnings("ignore::jaxwillmore.io.SurfaceWarning")  # a coarse mesh

@@ -1,6 +1,7 @@
 """Meshes of closed surfaces: connectivity, generators, refinement, quality, checks."""
 
 from ._check import check_mesh as check_mesh, check_surface as check_surface
+from ._closest import Feet as Feet, closest as closest, feet as feet
 from ._generators import (
     beads_torus as beads_torus,
     dumbbell as dumbbell,
@@ -20,6 +21,11 @@ from ._refine import (
     prolongate as prolongate,
     raise_degree as raise_degree,
     refine as refine,
+)
+from ._remesh import (
+    Remeshed as Remeshed,
+    remesh as remesh,
+    size_by_curvature as size_by_curvature,
 )
 from ._repair import Repaired as Repaired, repair as repair
 from ._report import (

@@ -1,6 +1,6 @@
 """Geometry of a surface: exact where a formula is known, discrete everywhere."""
 
-from ._closest import closest as closest
+from ..mesh import closest as closest
 from ._curvature import (
     gaussian_curvature as gaussian_curvature,
     nodal_weingarten_squared as nodal_weingarten_squared,

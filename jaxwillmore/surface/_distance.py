@@ -5,9 +5,8 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float, Int
 
-from ..mesh import SurfaceMesh
+from ..mesh import SurfaceMesh, feet
 from ._cells import cell_point, solve2
-from ._closest import feet
 
 
 def signed_distance(

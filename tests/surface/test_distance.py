@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 from scipy.spatial import KDTree
 
-from jaxwillmore.mesh import ellipsoid, from_torus_map, icosphere
+from jaxwillmore.mesh import _closest, ellipsoid, from_torus_map, icosphere
 from jaxwillmore.reference import lagrange_basis
-from jaxwillmore.surface import Ellipsoid, _closest, closest, signed_distance
+from jaxwillmore.surface import Ellipsoid, closest, signed_distance
 from jaxwillmore.surface._distance import distance_and_value
 from jaxwillmore.verify import rough_sphere
 
