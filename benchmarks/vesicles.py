@@ -3,6 +3,7 @@
     python benchmarks/vesicles.py            162 and 642 nodes, minutes
     python benchmarks/vesicles.py --full     also 2,562 and 10,242 nodes
     python benchmarks/vesicles.py --crossing the crossing of the two branches near v = 0.651
+    python benchmarks/vesicles.py --degrees  degrees 2, 3, 4 with about as many nodes, minutes
 
 Errors are E/(8πκ) minus the reference; multipliers are σR0²/κ and P R0³/κ. Each mesh after the
 first starts from the shape on the one before; `Newton` and `seconds` are those of the last mesh.
@@ -30,6 +31,9 @@ REFERENCE = {
     ("prolate", 0.80, 1.2): (0.39531312, None, None),
     ("oblate", 0.80, 1.2): (0.57115781, None, None),
 }
+# By the same solver, for the comparison of degrees.
+OF_DEGREES = {("prolate", 0.85): 1.2856759621, ("oblate", 0.66): 1.8006179578}
+DEGREES = ((2, 1), (2, 2), (2, 3), (3, 1), (3, 2), (4, 1), (4, 2))  # degree and level
 HEADER = (
     f"{'shape':>8} {'v':>5} {'c0R0':>4} {'nodes':>6} {'E/(8πκ)':>12} {'error':>9} {'order':>5} "
     f"{'σR0²/κ':>9} {'PR0³/κ':>9} {'2σA/3PV-1':>9} {'neg':>3} {'Newton':>6} {'seconds':>7}"
@@ -95,12 +99,37 @@ def crossing(level):
     print(f"crossing at v = {where:.5f} with {mesh.n_nodes} nodes (literature: near 0.651)")
 
 
+def degrees():
+    """Errors of E/(8πκ) and CPU seconds of a second call, from a spheroid."""
+    print(f"{'shape':>8} {'v':>5} {'degree':>6} {'nodes':>6} {'error':>9} {'CPU seconds':>11}")
+    for (kind, v), reference in OF_DEGREES.items():
+        for degree, level in DEGREES:
+            mesh, x = equilibria.spheroid(v, kind, level=level, degree=degree)
+            for _ in range(2):  # the first compiles
+                began = time.process_time()
+                shape = equilibria.equilibrium(
+                    mesh, x, reduced_volume=v, stability=False, throw=False
+                )
+                seconds = time.process_time() - began
+            name = f"{float(shape.bending_over_8pi_kappa) - reference:9.1e}"
+            if not shape.succeeded:
+                name = equilibria.name_of(shape.result)
+            nodes = mesh.n_nodes
+            print(
+                f"{kind:>8} {v:5.2f} {degree:6d} {nodes:6d} {name:>9} {seconds:11.1f}", flush=True
+            )
+
+
 def main():
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--full", action="store_true", help="also 2,562 and 10,242 nodes")
     parser.add_argument("--levels", type=int, nargs="+", help="refinement levels instead")
     parser.add_argument("--crossing", action="store_true", help="only the crossing")
+    parser.add_argument("--degrees", action="store_true", help="only degrees 2, 3 and 4")
     options = parser.parse_args()
+    if options.degrees:
+        degrees()
+        return
     levels = sorted(options.levels or ([1, 2, 3, 4] if options.full else [1, 2]))
     if levels != list(range(levels[0], levels[-1] + 1)):
         parser.error("--levels must be consecutive: each starts from the one before")

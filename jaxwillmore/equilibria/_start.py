@@ -18,7 +18,8 @@ def spheroid(
 
     - `reduced_volume`: between 0.2 and 1, exclusive.
     - `kind`: `"prolate"` (a cigar) or `"oblate"` (a disc).
-    - `level`, `degree`: as in `jaxwillmore.mesh.icosphere`.
+    - `level`, `degree`: as in `jaxwillmore.mesh.icosphere`. Degree 4 on level 1 (642 nodes) is
+      nearer to a smooth vesicle than degree 2 on level 3 (2,562), in a quarter of the time.
 
     **Raises:** `ValueError` for a reduced volume out of range or an unknown kind.
     """
