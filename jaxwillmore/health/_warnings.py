@@ -19,6 +19,7 @@ UNRESOLVED = 0.2
 LARGEST_ALLOWANCE = 0.1
 # Area elements that vary more than this within a triangle tell that it is about to fold.
 MIN_JACOBIAN = 0.2
+REMESH = "Remesh the surface (`jw.mesh.remesh`) and go on from there."
 # Relative distance of the two energies that time stepping alone may leave.
 APART = 0.01
 
@@ -113,18 +114,18 @@ def _elements(mesh, x) -> list[HealthWarning]:
     health = mesh_health(mesh, x)
     found = []
     if not health.min_angle > MIN_ANGLE:
-        text = f"A triangle has an angle of {health.min_angle:.2g}°."
+        text = f"A triangle has an angle of {health.min_angle:.2g}°. {REMESH}"
         found.append(HealthWarning("small_angle", health.min_angle, MIN_ANGLE, text))
     if not health.mid_node_offset < MAX_OFFSET:
         text = (
             f"A node inside an edge is displaced along it by {health.mid_node_offset:.2g} of its "
-            "length."
+            f"length. {REMESH}"
         )
         found.append(HealthWarning("mid_node_offset", health.mid_node_offset, MAX_OFFSET, text))
     if not health.min_jacobian > MIN_JACOBIAN:
         text = (
             f"The area element of a curved triangle falls to {health.min_jacobian:.2g} of its "
-            "mean: the triangle is folded, or on the way to it."
+            f"mean: the triangle is folded, or on the way to it. {REMESH}"
         )
         found.append(HealthWarning("collapsed_element", health.min_jacobian, MIN_JACOBIAN, text))
     return found

@@ -56,4 +56,5 @@ from ._recover import (
     recover_mean_curvature as recover_mean_curvature,
     recover_normal as recover_normal,
 )
+from ._restore import restored as restored
 from ._spherical import SphericalSurface as SphericalSurface, spherical as spherical

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from jaxwillmore import mesh as meshes
-from jaxwillmore.fit import match_shapes, name_of
+from jaxwillmore.fit import MatchIterate, match_shapes, name_of
 from jaxwillmore.fit._misfit import Harmonics, Points
 from jaxwillmore.fit._targets import target
 
@@ -100,9 +100,13 @@ def test_a_model_that_is_not_star_shaped_is_told_from_one_that_is():
 @pytest.mark.slow
 def test_a_twin_is_recovered_by_harmonics(twin):
     mesh, x, _ = twin
+    begin = near((np.asarray(ROTATION), SHIFT, SIZE))
+    # The disc is thin: from 0.1 beside its middle, where other fits begin, it is not star-shaped.
+    (pose,) = begin.poses
+    begin = MatchIterate(begin.parameters, (pose | {"origin": (SHIFT + 0.02).tolist()},))
     fit = match_shapes(
         [(mesh, x)],
-        resume=near((np.asarray(ROTATION), SHIFT, SIZE)),
+        resume=begin,
         kind="oblate",
         level=1,
         distance="harmonics",

@@ -77,6 +77,7 @@ def test_needles_displaced_nodes_and_folds_are_named(sphere):
     shifted = x.at[middle].add(0.3 * (x[b] - x[a]))
     found = {w.kind: w for w in health_warnings(mesh, shifted)}
     assert found["mid_node_offset"].value == pytest.approx(0.3, abs=0.02)
+    assert "jw.mesh.remesh" in found["mid_node_offset"].message
     folded = x.at[middle].add(0.8 * (x[b] - x[a]))
     assert "collapsed_element" in kinds(mesh, folded)
 
