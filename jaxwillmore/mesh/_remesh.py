@@ -101,7 +101,7 @@ def remesh(
     surface = np.asarray(curved.cells), np.asarray(nodes)
     triangles, vertices = np.asarray(mesh.triangles), points[: mesh.n_vertices]
     sizes = _checked_sizes(triangles, vertices, size)
-    field = _interpolant(curved, sizes)
+    field, found = _interpolant(curved, sizes), feet(*surface, vertices)
     for _ in range(PASSES):
         triangles, vertices = _changed(triangles, vertices, sizes)
         for _ in range(RELAXATIONS):
@@ -236,7 +236,7 @@ def _finished(old: SurfaceMesh, curved: SurfaceMesh, surface, triangles, vertice
     flat = np.einsum(
         "qc,tcd->tqd", lagrange_basis(1, lagrange_nodes(old.degree)), vertices[triangles]
     )
-    found = feet(*surface, scatter(cells, n_nodes, flat))
+    found = feet(surface[0], surface[1], scatter(cells, n_nodes, flat))
     x = _position(surface, curved.degree, found)
     mesh = SurfaceMesh(cells, old.degree, n_nodes)
     folded = int(np.count_nonzero(lowest_normal_cosine(mesh, x) <= 0))

@@ -44,8 +44,9 @@ def _modulus(values: tuple[float, float] | None, default: float) -> float | Mixt
 def kinetics(case: Case) -> CahnHilliard | AllenCahn:
     """How the concentration moves."""
     phase = _phase(case)
-    if phase.law == "cahn-hilliard":
+    if phase.mobility is not None:
         return CahnHilliard(phase.mobility, phase.degenerate)
+    assert phase.kinetic_coefficient is not None  # one of the two belongs to the law
     return AllenCahn(phase.kinetic_coefficient, phase.hold_amount)
 
 
