@@ -10,6 +10,8 @@ from jaxwillmore import equilibria, mesh as meshes
 from jaxwillmore.equilibria._relax import Relaxation, _ramped, settle
 from jaxwillmore.fem import integrate
 
+from ..helpers import with_nan
+
 # E/(8πκ) of an axisymmetric spectral solver.
 REFERENCE = {
     ("prolate", 0.80, 0.0): 1.387440432,
@@ -168,6 +170,7 @@ def test_impossible_targets_are_refused(arguments, message):
         equilibria.equilibrium(mesh, x, **arguments)
 
 
+@with_nan
 def test_bad_nodes_are_refused():
     mesh, x = meshes.icosphere(0, degree=2)
     with pytest.raises(ValueError, match="not finite"):

@@ -8,6 +8,8 @@ from jaxwillmore.energies import willmore_of_field
 from jaxwillmore.health import HealthWarning, _warnings, health_warnings
 from jaxwillmore.shapes import make_shape
 
+from ..helpers import with_nan
+
 
 @pytest.fixture(scope="module")
 def sphere():
@@ -91,6 +93,7 @@ def test_a_surface_through_itself_is_found_only_when_asked():
     assert found["self_intersection"].value > 0
 
 
+@with_nan
 def test_nodes_that_are_not_finite_end_the_examination(sphere):
     mesh, x, H = sphere
     found = health_warnings(mesh, x.at[3, 0].set(jnp.nan), H)

@@ -12,6 +12,7 @@ import pytest
 
 from jaxwillmore.linalg import AbstractSparseSystem, SparseNewton, SparseSolver
 
+from ..helpers import with_nan
 from .systems import FIELDS, PATTERN, dense, sinh_system
 
 GROUPS = (((0,),), ((1,),))
@@ -141,12 +142,14 @@ def test_too_few_steps():
     assert bool(solution.result == optx.RESULTS.nonlinear_max_steps_reached)
 
 
+@with_nan
 def test_a_start_that_is_not_finite():
     system = sinh_system()
     solution = solve(system, jnp.full(system.b.shape, jnp.nan), throw=False)
     assert bool(solution.result != optx.RESULTS.successful)
 
 
+@with_nan
 def test_a_singular_jacobian():
     system = sinh_system(p=0.0)
     empty = eqx.tree_at(lambda s: s.operator.data, system, jnp.zeros_like(system.operator.data))

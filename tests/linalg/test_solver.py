@@ -13,6 +13,7 @@ from jaxwillmore.linalg import SparseOperator, SparseSolver
 from jaxwillmore.linalg._flexible import RESTART
 from jaxwillmore.linalg._host import HOST
 
+from ..helpers import with_nan
 from .systems import dense, diagonal_blocks, random_blocks, random_border, sphere_pattern
 
 PATTERN, FIELDS = sphere_pattern(), 2
@@ -164,6 +165,7 @@ def result_of(data, b, method="krylov", transposed=False):
     return lx.linear_solve(operator, b, SparseSolver(GROUPS, 1e-10, method), throw=False).result
 
 
+@with_nan
 @pytest.mark.parametrize(
     "method", ["krylov", "direct", "dense", pytest.param("pardiso", marks=needs_pardiso)]
 )
@@ -181,6 +183,7 @@ def test_a_singular_matrix_is_reported(method):
         lx.linear_solve(SparseOperator(data, PATTERN), b, SparseSolver(GROUPS, 1e-10, method))
 
 
+@with_nan
 @pytest.mark.parametrize("bad", [np.nan, np.inf])
 @pytest.mark.parametrize("where", ["matrix", "vector"])
 @pytest.mark.parametrize("method", ["krylov", "dense"])

@@ -19,7 +19,7 @@ from jaxwillmore.mesh import (
 )
 from jaxwillmore.reference import lagrange_basis, lagrange_gradients, quadrature
 
-from ..helpers import observed_order
+from ..helpers import observed_order, with_nan
 
 
 def area_and_volume(mesh, x):
@@ -117,6 +117,7 @@ def test_any_map_makes_a_surface():
     assert mesh.genus == 1
 
 
+@with_nan
 @pytest.mark.parametrize(
     "f, message",
     [

@@ -12,6 +12,8 @@ from jaxwillmore.plot import PlotError, surface_picture
 from jaxwillmore.plot._camera import camera_for
 from jaxwillmore.plot._subdivide import subdivide
 
+from ..helpers import with_nan
+
 
 def pixels(path):
     image = pytest.importorskip("matplotlib.image")
@@ -145,6 +147,7 @@ def test_without_the_extra_there_is_a_plot_error(tmp_path, monkeypatch):
         surface_picture(tmp_path / "a.png", mesh, x)
 
 
+@with_nan
 def test_nothing_to_draw_is_a_plot_error(tmp_path):
     pytest.importorskip("matplotlib")
     mesh, x = icosphere(1, degree=1)

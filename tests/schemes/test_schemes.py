@@ -16,6 +16,8 @@ from jaxwillmore.schemes import (
     march,
 )
 
+from ..helpers import with_nan
+
 MEAN_CURVATURE = [DziukMeanCurvature(), BGNMeanCurvature()]
 WILLMORE = [DziukWillmore(), BGNWillmore()]
 N = 20
@@ -174,6 +176,7 @@ def test_the_derivative_of_a_step_agrees_with_finite_differences(scheme):
     np.testing.assert_allclose(reverse, forward, rtol=1e-9)
 
 
+@with_nan
 def test_a_broken_run_is_reported_with_its_time(dumbbell):
     mesh, x = dumbbell
     lost = {"Y": jnp.full_like(x, jnp.nan)}

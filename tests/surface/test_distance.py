@@ -14,7 +14,7 @@ from jaxwillmore.surface import Ellipsoid, closest, signed_distance
 from jaxwillmore.surface._distance import distance_and_value
 from jaxwillmore.verify import rough_sphere
 
-from ..helpers import observed_order, random_rotation, taylor_remainders
+from ..helpers import observed_order, random_rotation, taylor_remainders, with_nan
 
 AXES = (1.0, 1.2, 1.5)
 # Points at known distances: on the normals of the exact surface, closer than its focal points.
@@ -63,6 +63,7 @@ def test_distance_to_flat_triangles_is_exact():
     np.testing.assert_allclose(np.linalg.norm(points - at, axis=1), exact, atol=1e-12)
 
 
+@with_nan
 def test_a_surface_that_is_not_finite_has_no_distance():
     mesh, x = icosphere(0, degree=2)
     assert np.all(np.isnan(distances(mesh, jnp.nan * x, ANYWHERE)))
