@@ -245,7 +245,7 @@ ROUND = meshes.icosphere(0, degree=2)
     [
         ([], "empty"),
         ([(ROUND[0], -ROUND[1])], "inside out"),
-        ([(ROUND[0], jnp.nan * ROUND[1])], "not finite"),
+        ([(ROUND[0], np.nan * np.asarray(ROUND[1]))], "not finite"),
         ([(ROUND[0], jnp.zeros((42, 3)))], "flat or a point"),
         ([meshes.torus(1.0, 0.4, level=0)], "genus 1"),
         ([(np.array([[0, 1, 2], [0, 2, 3]]), np.eye(4, 3) + 1.0)], "(?i)edge|open|closed"),

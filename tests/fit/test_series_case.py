@@ -86,7 +86,7 @@ def test_a_series_has_no_equilibrium_and_a_shape_no_flow():
 @pytest.mark.parametrize(
     ("later", "error", "message"),
     [
-        ((MESH, jnp.nan * X), (CaseError, SurfaceError), "(?s)1.npz.*finite"),
+        ((MESH, np.nan * np.asarray(X)), (CaseError, SurfaceError), "(?s)1.npz.*finite"),
         (icosphere(1, degree=2), CaseError, "1.npz has other triangles than .*0.npz"),
         ((MESH, -X), (CaseError, SurfaceError), "(?s)1.npz.*inward"),
     ],
