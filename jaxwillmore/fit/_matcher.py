@@ -1,7 +1,6 @@
 """The loop of a shape matching: models on frozen references, a descent, new references."""
 
 from collections.abc import Callable
-from typing import Any
 
 import equinox as eqx
 import jax.numpy as jnp
@@ -18,7 +17,7 @@ from ._shape_fit import MatchIterate, pose_numbers, pose_of
 from ._shape_residuals import Model, ShapeResiduals, bare
 from ._starts import BOWL, kind_of, start_surface
 from ._targets import Target
-from ._unknowns import Unknowns
+from ._unknowns import Unknowns, of_unit_size
 
 # A stage on one frozen reference ends when the model has moved this far from it, in R0; the last
 # stage is repeated on a new reference unless the model moved less than the second number.
@@ -78,16 +77,8 @@ class Matcher:
         return all(bool(s.succeeded) and _is(s, kind) for s in shapes)
 
     def _equilibrium(self, mesh, x, p, k: int) -> Equilibrium:
-        name = "pressure" if self.by_pressure else "reduced_volume"
-        held: dict[str, Any] = {"area": 4 * np.pi, name: p[name]}
-        return equilibrium(
-            mesh,
-            x,
-            spontaneous_curvature=p["scaled_spontaneous_curvature"] * float(self.sizes[k]),
-            stability=False,
-            throw=False,
-            **held,
-        )
+        held = of_unit_size(p, float(self.sizes[k]), self.by_pressure)
+        return equilibrium(mesh, x, stability=False, throw=False, **held)
 
     def _first(self, kind: str, level: int, p: dict[str, float], k: int) -> Equilibrium:
         """The shape of the wanted kind at the start values.

@@ -1,7 +1,5 @@
 """What the mesh of the model does to the parameters of a fit, judged by a coarser one."""
 
-from typing import Any
-
 import equinox as eqx
 import numpy as np
 from jaxtyping import Array, Float
@@ -11,6 +9,7 @@ from ..equilibria import Equilibrium, equilibrium
 from ..mesh import icosphere
 from ._descend import evaluate
 from ._shape_fit import ShapeFit
+from ._unknowns import of_unit_size
 
 # Equilibria of degree 2 on half the mesh size are 2^4 times nearer to the limit.
 ORDER = 4
@@ -60,13 +59,10 @@ def _coarser(fit: ShapeFit, k: int, x: Float[Array, "nodes 3"]) -> Equilibrium:
     """The equilibrium of one target on the mesh of twice the size, begun at the shape itself."""
     residuals = fit.residuals
     p = {name: float(v) for name, v in residuals.unknowns.parameters(fit.u, k).items()}
-    name = "pressure" if any("scaled_pressure" in q for q in residuals.labels) else "reduced_volume"
+    by_pressure = any("scaled_pressure" in label for label in residuals.labels)
     level = round(np.log(residuals.models[k].equilibrium.mesh.n_cells / 20) / np.log(4))
     mesh, nodes = icosphere(level - 1, degree=2)
     # Models are images of icospheres: their nodes include those of the coarser one.
     kept = KDTree(np.asarray(icosphere(level, degree=2)[1])).query(np.asarray(nodes))[1]
-    held: dict[str, Any] = {"area": 4 * np.pi, name: p[name]}
-    H0 = p["scaled_spontaneous_curvature"] * float(residuals.sizes[k])
-    return equilibrium(
-        mesh, x[kept], spontaneous_curvature=H0, stability=False, throw=False, **held
-    )
+    held = of_unit_size(p, float(residuals.sizes[k]), by_pressure)
+    return equilibrium(mesh, x[kept], stability=False, throw=False, **held)

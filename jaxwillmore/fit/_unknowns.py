@@ -1,6 +1,8 @@
 """Which parameters of which target are free, and where they stand in the vector of unknowns."""
 
+import math
 from collections.abc import Mapping, Sequence
+from typing import Any
 
 import equinox as eqx
 import jax
@@ -135,6 +137,20 @@ def unknowns(
         places.append(tuple(place))
     table = [[float(values.get(name, 0.0)) for name in SHAPE_PARAMETERS] for values in held]
     return Unknowns(tuple(labels), tuple(places), tuple(ranges), jnp.asarray(table))
+
+
+def of_unit_size(parameters: Mapping[str, float], size: float, by_pressure: bool) -> dict[str, Any]:
+    """What `equilibrium` is given for these parameters, with R0 = 1 and κ = 1.
+
+    - `size`: area radius of the target over the mean of all, in which $H_0R_0$ is.
+    - `by_pressure`: hold the pressure in place of the volume.
+    """
+    held = "scaled_pressure" if by_pressure else "reduced_volume"
+    return {
+        "area": 4 * math.pi,
+        "spontaneous_curvature": parameters["scaled_spontaneous_curvature"] * size,
+        held.removeprefix("scaled_"): parameters[held],
+    }
 
 
 def spoken(label: str) -> str:

@@ -1,5 +1,6 @@
 """Where fits start: bowls, families, and the list of several starts."""
 
+import inspect
 from typing import Any
 
 import numpy as np
@@ -10,7 +11,7 @@ from jaxwillmore.fit import MatchIterate, match_shapes, name_of
 from jaxwillmore.fit._match import _starts
 from jaxwillmore.fit._starts import BOWL, bowl, kind_of
 from jaxwillmore.fit._targets import target
-from jaxwillmore.fit._unknowns import unknowns
+from jaxwillmore.fit._unknowns import of_unit_size, unknowns
 from jaxwillmore.surface import area, reduced_volume
 
 HELD = {"scaled_spontaneous_curvature": 0.0, "scaled_pressure": 0.0}
@@ -85,3 +86,14 @@ def test_a_stomatocyte_is_found_among_several_starts():
     assert kind_of(fit.shapes[0].mesh, fit.shapes[0].x) == BOWL
     np.testing.assert_allclose(fit.shapes[0].parameters["reduced_volume"], 0.6, atol=2e-3)
     assert fit.rms < 0.02 and fit.verdict.evidence.get("next", 10.0) > 3
+
+
+@pytest.mark.parametrize("by_pressure", [False, True])
+def test_a_model_is_asked_for_by_the_names_of_an_equilibrium(by_pressure):
+    """In units of its own R0 and κ a scaled number is the number itself."""
+    p = {"reduced_volume": 0.8, "scaled_spontaneous_curvature": -1.2, "scaled_pressure": -9.0}
+    held = of_unit_size(p, 1.5, by_pressure)
+    assert set(held) <= set(inspect.signature(equilibrium).parameters)
+    assert held["spontaneous_curvature"] == -1.2 * 1.5
+    assert held["pressure" if by_pressure else "reduced_volume"] == (-9.0 if by_pressure else 0.8)
+    assert len(held) == 3
