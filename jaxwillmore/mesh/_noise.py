@@ -21,6 +21,8 @@ OF_COTANGENTS = 1 / 3
 # Coarse meshes do not tell: so much of the vertices must have a fit, which may multiply the errors
 # of its neighbours by so much.
 LEAST_PART, MOST_LEVERAGE = 0.8, 2.3
+# So many vertices are enough for an estimate.
+ENOUGH = 10_000
 # Residuals beyond this part are those of edges and folds; a normal distribution has lost so much.
 KEPT, LOST = 0.95, 0.759
 
@@ -55,13 +57,13 @@ class Scatter(NamedTuple):
 
 def scatter(triangles: Triangles, x: Float[np.ndarray, "vertices 3"]) -> Scatter | None:
     """The roughness of a closed triangulation; `None` where it is too coarse to tell."""
-    near = stencils(triangles, x)
+    near = stencils(triangles, x).every(-(-len(x) // ENOUGH))
     columns = np.concatenate([np.ones((len(near.u), 1)), powers(near.u, near.v)], axis=1)
     moments = near.moments(np.concatenate([columns, near.w[:, None]], axis=1))
     matrix, right = moments[:, :15, :15], moments[:, :15, 15]
     spectrum = np.linalg.eigvalsh(matrix)
     told = spectrum[:, 0] > 1e-8 * spectrum[:, -1]
-    told &= np.bincount(near.at, minlength=len(x)) > 15
+    told &= np.bincount(near.at, minlength=len(told)) > 15
     if np.mean(told) < LEAST_PART:
         return None
     # The value of the fit at the vertex is this combination of the heights of the neighbours.

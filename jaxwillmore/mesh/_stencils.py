@@ -30,6 +30,14 @@ class Stencils(NamedTuple):
     w: Float[np.ndarray, " pairs"]
     distance: Float[np.ndarray, " pairs"]
 
+    def every(self, step: int) -> "Stencils":
+        """Those of every `step`-th vertex only; `at` counts these."""
+        kept = self.at % step == 0
+        pairs = (a[kept] for a in (self.seen, self.u, self.v, self.w, self.distance))
+        tangents = self.tangents[0][::step], self.tangents[1][::step]
+        normals, reach = self.normals[::step], self.reach[::step]
+        return Stencils(normals, tangents, reach, self.at[kept] // step, *pairs)
+
     def moments(self, columns: Float[np.ndarray, "pairs columns"]):
         """Sums of all products of two columns, vertex by vertex."""
         n, count = len(self.reach), columns.shape[1]

@@ -41,13 +41,16 @@ def test_mean_square_distance_of_two_spheres_is_exact():
     shifted = X + d * jnp.array([[0.6, 0.0, 0.8]])
     np.testing.assert_allclose(mean_square(shifted), d**2 / 3, rtol=3e-3)
     assert mean_square(X) < 1e-30
+    assert len(rows(X)[0]) == MISFIT.shared(SEEN) + MISFIT.of_model(MESH)
 
 
 @pytest.mark.parametrize("both_ways", [False, True])
 def test_both_ways_together_count_like_one(both_ways):
     """Points of two concentric spheres: the difference of the radii; the noise of N points."""
     misfit, seen = Points(both_ways), target(MESH, X)
-    r, _ = misfit.rows(misfit.observe(seen), MESH, X, 1.1 * X)
+    observed = misfit.observe(seen)
+    r, _ = misfit.rows(observed, MESH, X, 1.1 * X)
+    assert len(r) == misfit.shared(observed) + misfit.of_model(MESH)
     np.testing.assert_allclose(float(r @ r) / misfit.mass([seen]), 0.1**2, rtol=1e-2)
     assert misfit.count([seen]) == seen.count
 

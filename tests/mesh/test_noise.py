@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 from jaxwillmore.energies import Willmore
-from jaxwillmore.mesh import SurfaceMesh, check_surface, icosphere, red_cell, scatter, torus
+from jaxwillmore.mesh import SurfaceMesh, _noise, check_surface, icosphere, red_cell, scatter, torus
 from jaxwillmore.mesh._noise import flat_willmore
 
 MESH, SPHERE = icosphere(4, degree=1)
@@ -23,6 +23,15 @@ def test_the_noise_of_a_sphere_is_found(part):
     assert found is not None
     assert found.relative == pytest.approx(part, rel=0.1)
     assert found.position == pytest.approx(part * DISTANCE, rel=0.1)
+
+
+def test_a_part_of_the_vertices_is_enough(monkeypatch):
+    whole = scatter(CELLS, noisy(1e-2))
+    monkeypatch.setattr(_noise, "ENOUGH", 700)
+    part = scatter(CELLS, noisy(1e-2))
+    assert whole is not None and part is not None and part.position != whole.position
+    assert part.position == pytest.approx(whole.position, rel=0.1)
+    assert part.energy == pytest.approx(whole.energy, rel=0.2)
 
 
 @pytest.mark.parametrize("part", [1e-2, 5e-2])
