@@ -180,8 +180,11 @@ def _degree(local: int) -> int:
 
 @ft.cache
 def _pieces(degree: int) -> tuple[np.ndarray, np.ndarray]:
-    """Points of the reference triangle and the flat pieces between them."""
-    n = 1 if degree == 1 else 2 * degree
+    return lattice(1 if degree == 1 else 2 * degree)
+
+
+def lattice(n: int) -> tuple[Float[np.ndarray, "points 2"], Int[np.ndarray, "pieces 3"]]:
+    """Points of the reference triangle, n to an edge, and the n² flat pieces between them."""
     number = {(i, j): k for k, (i, j) in enumerate(_grid(n))}
     xi = np.array(_grid(n), float) / n
     up = [(number[i, j], number[i + 1, j], number[i, j + 1]) for i, j in _grid(n - 1)]
