@@ -28,6 +28,7 @@ from ._fit_sections import (
 )
 from ._laws import LAWS as LAWS
 from ._load import load_case as load_case
+from ._mesh_section import MeshCase as MeshCase
 from ._phase_section import PhaseCase as PhaseCase
 from ._quantities import QUANTITIES as QUANTITIES, Quantity as Quantity
 from ._sections import (

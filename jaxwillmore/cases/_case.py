@@ -6,6 +6,7 @@ import typing
 from ._energy_sections import ConstraintsCase, EnergyCase
 from ._error import CaseError, shown
 from ._keys import entries, sections_below
+from ._mesh_section import MeshCase
 from ._phase_section import MODULI, PhaseCase
 from ._sections import BranchCase, EquilibriumCase, FlowCase, OutputCase, SurfaceCase, TimeCase
 from ._toml import emit
@@ -32,6 +33,7 @@ class Case:
     constraints: ConstraintsCase = ConstraintsCase()
     flow: FlowCase = FlowCase()
     time: TimeCase | None = None
+    mesh: MeshCase = MeshCase()
     equilibrium: EquilibriumCase = EquilibriumCase()
     branch: BranchCase | None = None
     output: OutputCase = OutputCase()
@@ -68,6 +70,9 @@ class Case:
                 problem = 'has no effect with kind = "phase": the surface is at rest.'
                 raise CaseError(problem, section="phase", key=key, got=getattr(self.phase, key))
         held = self.constraints
+        if at_rest and self.mesh.remesh_when is not None:
+            problem = 'has no effect with kind = "phase": the surface is at rest.'
+            raise CaseError(problem, section="mesh", key="remesh_when", got=self.mesh.remesh_when)
         if at_rest and (held.area, held.volume, held.reduced_volume) != (None, None, None):
             problem = 'has no effect with kind = "phase": the surface is at rest.'
             raise CaseError(problem, section="constraints")
@@ -80,6 +85,7 @@ class Case:
             self.constraints,
             self.flow,
             self.time,
+            self.mesh,
             self.equilibrium,
             self.branch,
             self.output,
@@ -105,6 +111,6 @@ SECTIONS = {
             PhaseCase,
             ConstraintsCase,
         ),
-        *(FlowCase, TimeCase, EquilibriumCase, BranchCase, OutputCase),
+        *(FlowCase, TimeCase, MeshCase, EquilibriumCase, BranchCase, OutputCase),
     )
 }

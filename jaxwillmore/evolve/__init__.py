@@ -7,6 +7,7 @@ from ._memory import memory_estimate as memory_estimate
 from ._parts import parts_of as parts_of, solution_of as solution_of
 from ._progress import TextProgressMeter as TextProgressMeter, progress_text as progress_text
 from ._record import diagnostics as diagnostics
+from ._remeshing import NewMesh as NewMesh, Remeshing as Remeshing
 from ._replay import Trajectory as Trajectory, replay as replay
 from ._solution import (
     RESULTS as RESULTS,

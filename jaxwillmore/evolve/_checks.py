@@ -2,6 +2,7 @@
 
 import math
 import numbers
+from collections.abc import Sequence
 from typing import Any
 
 import jax.numpy as jnp
@@ -13,6 +14,7 @@ from .._arguments import double, not_traced
 from ..flows import AbstractLaw, System, as_system
 from ..mesh import SurfaceMesh
 from ._continuation import Origin
+from ._remeshing import NewMesh, Remeshing
 from ._solution import Solution
 
 
@@ -124,12 +126,53 @@ def checked_schedule(times) -> Float[Array, " times"]:
     return times
 
 
-def checked_resume(resume: Solution, now: Origin, mesh: SurfaceMesh, t1: float) -> Origin:
-    """The origin of a run that goes on; it and the mesh must be those of the arguments."""
+def checked_remeshing(remesh: Any, flow: System) -> None:
+    """A surface that moves by its unknowns, with nothing on its nodes but these."""
+    if remesh is None:
+        return
+    if not isinstance(remesh, Remeshing):
+        raise ValueError(
+            f"`remesh` must be a `Remeshing`, or None; got {type(remesh).__name__}. Write "
+            "`remesh=jw.evolve.Remeshing(least_angle=15.0)`."
+        )
+    if not flow.moves:
+        raise ValueError(
+            "`remesh` is for surfaces that move by their energy; this one is at rest, or its nodes "
+            "have a given path."
+        )
+    fixed = [name for name in flow.carried if name not in flow.layout.names]
+    if fixed:
+        raise ValueError(
+            f"`remesh` needs {', '.join(f'`{name}`' for name in fixed)} to be a field that comes "
+            "along to the new nodes; add `MinimalDeformation()` to the system, with which it is, "
+            "or give one number for all nodes."
+        )
+
+
+def checked_new_meshes(
+    new_meshes: Sequence[NewMesh], mesh: SurfaceMesh, n_steps: int, flow: System
+) -> None:
+    """New meshes of a run with so many steps that began on `mesh`."""
+    steps = [new.step for new in new_meshes]
+    if any(b <= a for a, b in zip([0, *steps], [*steps, n_steps + 1], strict=True)):
+        raise ValueError(
+            f"`new_meshes` belong to the steps {steps}, and `times` has {n_steps} steps; give "
+            "those and the `times` of one solution, in order."
+        )
+    counts = {new.mesh.n_nodes for new in new_meshes} | {
+        int(new.nodes.max()) + 1 for new in new_meshes
+    }
+    if counts != {mesh.n_nodes}:
+        raise ValueError(
+            f"`new_meshes` belong to meshes of {sorted(counts)} nodes; this one has {mesh.n_nodes}."
+        )
+    checked_remeshing(Remeshing(), flow)
+
+
+def checked_resume(resume: Solution, now: Origin, t1: float) -> Origin:
+    """The origin of a run that goes on; it must be that of the arguments."""
     if not isinstance(resume, Solution):
         raise ValueError(f"`resume` must be a `Solution`; got {type(resume).__name__}.")
-    if not np.array_equal(resume.mesh.cells, mesh.cells):
-        raise ValueError("`resume` holds a run on another mesh.")
     origin = resume.continuation.origin
     origin.check(now)
     if resume.state.t > t1:

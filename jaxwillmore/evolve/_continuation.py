@@ -5,9 +5,10 @@ from typing import Any
 import equinox as eqx
 import jax
 import numpy as np
-from jaxtyping import Array, Float
+from jaxtyping import Array, Float, Int
 
 from ..flows import System
+from ..mesh import SurfaceMesh
 from ._step import StepData
 from ._stepper import History
 
@@ -34,11 +35,12 @@ class Origin(eqx.Module):
 
     **Attributes:**
 
-    - `x0`: the nodes.
+    - `cells`, `x0`: the mesh and its nodes.
     - `parameters`: all numbers and arrays in the flow.
     - `settings`: arguments of `evolve` that decide its steps, by name.
     """
 
+    cells: Int[Array | np.ndarray, "cells local"]
     x0: Float[Array | np.ndarray, "nodes 3"]
     parameters: tuple[np.ndarray, ...]
     settings: tuple[tuple[str, Any], ...] = eqx.field(static=True)
@@ -55,6 +57,8 @@ class Origin(eqx.Module):
             if mine.get(name) != other[name]:
                 what = f"`{name}` = {mine.get(name)!r}; got {other[name]!r}"
                 raise ValueError(f"`resume` holds a run with {what}. {_ADVICE}")
+        if not np.array_equal(self.cells, now.cells):
+            raise ValueError("`resume` holds a run on another mesh.")
         if not _near(self.x0, now.x0):
             raise ValueError(f"`resume` holds a run from other nodes than `x0`. {_ADVICE}")
         if not _all_near(self.parameters, now.parameters):
@@ -67,10 +71,10 @@ _ADVICE = (
 )
 
 
-def origin_of(flow: System, x0, settings: dict[str, Any]) -> Origin:
+def origin_of(flow: System, mesh: SurfaceMesh, x0, settings: dict[str, Any]) -> Origin:
     """The origin of a run that starts now."""
     names = {"fields": list(flow.layout.names), "global unknowns": list(flow.global_names)}
-    return Origin(x0, parameters_of(flow), tuple((names | settings).items()))
+    return Origin(mesh.cells, x0, parameters_of(flow), tuple((names | settings).items()))
 
 
 def parameters_of(flow: System) -> tuple[np.ndarray, ...]:

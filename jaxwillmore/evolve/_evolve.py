@@ -1,8 +1,9 @@
 """evolve: run a flow in time with adaptive implicit steps."""
 
+import contextlib
 import math
 import warnings
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 
 import equinox as eqx
 import jax.numpy as jnp
@@ -22,6 +23,7 @@ from ._checks import (
     checked_known,
     checked_nodes,
     checked_order,
+    checked_remeshing,
     checked_resume,
     checked_tolerances,
 )
@@ -30,6 +32,7 @@ from ._host_step import HostStep
 from ._loop import Loop
 from ._memory import memory_estimate
 from ._progress import TextProgressMeter, progress_text
+from ._remeshing import Remeshing, as_words
 from ._save import Saver, save_times
 from ._solution import RESULTS, Solution, State, message, name_of
 from ._stepper import Stepper
@@ -58,6 +61,7 @@ def evolve(
     newton_tolerance: float | None = None,
     linear_solver: str = "krylov",
     progress_meter: TextProgressMeter | None = None,
+    remesh: Remeshing | None = None,
     resume: Solution | None = None,
     checkpoints: Checkpoints | None = None,
 ) -> Solution:
@@ -103,6 +107,9 @@ def evolve(
     - `linear_solver`: `"krylov"` (falls back to LU where it stalls), `"direct"`, `"dense"` (up to
       2,500 unknowns), or `"pardiso"` with the extra `fast`.
     - `progress_meter`: a `TextProgressMeter` that shows the last step; `None` is silent.
+    - `remesh`: when to go on with a new mesh (`Remeshing`); `None` keeps the mesh. States know
+      their meshes, `Solution.new_meshes` how the nodes of one come from those of the other, and
+      what changed by that. Area, volume and amounts stay.
     - `resume`: the solution of a run that ended early, or one that `checkpoints` handed out. The
       run goes on from its last state as if it had not stopped, to the last bit on the same machine.
       All other arguments are given as before; only `t1` (unless steps are fixed), `saveat` and
@@ -137,6 +144,7 @@ def evolve(
     if bdf_order == 5:
         warnings.warn("BDF5 is unreliable with few or uneven steps; prefer order 2.", stacklevel=2)
     x0 = checked_nodes(mesh, x0)
+    checked_remeshing(remesh, flow)
     settings = {
         "t0": t0,
         # Fixed steps divide the whole interval.
@@ -150,10 +158,11 @@ def evolve(
         "energy_tolerance": energy_tolerance,
         "newton_tolerance": newton_tolerance,
         "linear_solver": linear_solver,
+        **as_words(remesh),
     }
-    origin = origin_of(flow, x0, settings)
+    origin = origin_of(flow, mesh, x0, settings)
     if resume is not None:
-        origin = checked_resume(resume, origin, mesh, t1)
+        origin = checked_resume(resume, origin, t1)
         x0 = jnp.asarray(origin.x0)
     given = checked_fields(flow, mesh, initial)
     times = save_times(saveat, t0, t1)
@@ -169,7 +178,7 @@ def evolve(
     dt0 = usual if dt0 is None else dt0
     loop = Loop(
         stepper,
-        advance=_advance(stepper, newton_tolerance),
+        advance_with=lambda stepper: _advance(stepper, newton_tolerance),
         controller=Controller(
             rtol=math.inf if rtol is None else rtol,
             growth=growth_limit(bdf_order),
@@ -181,27 +190,35 @@ def evolve(
         stationary_tolerance=stationary_tolerance,
         self_contact=self_contact,
         max_steps=max_steps,
-        saver=Saver(stepper, times, bdf_order),
+        saver=Saver(times, bdf_order),
+        remeshing=remesh,
         observer=_observers(observer, progress_meter, t1),
         on_save=on_save,
         checkpoints=checkpoints,
         origin=origin,
     )
-    if progress_meter is not None:
-        progress_meter.start()
-    try:
-        with catch_interrupts() as interrupted:
-            if resume is None:
-                fields = flow.start(mesh, x0, given)
-                solution = loop.run(x0, fields, t0, t1, dt0, interrupted)
-            else:
-                solution = loop.resume(resume, t1, interrupted)
-    finally:
-        if progress_meter is not None:
-            progress_meter.close()
+    with _shown(progress_meter), catch_interrupts() as interrupted:
+        if resume is None:
+            fields = flow.start(mesh, x0, given)
+            solution = loop.run(x0, fields, t0, t1, dt0, interrupted)
+        else:
+            solution = loop.resume(resume, t1, interrupted)
     if throw:
         _raise_failure(solution, t1)
     return solution
+
+
+@contextlib.contextmanager
+def _shown(meter: TextProgressMeter | None) -> Iterator[None]:
+    """Show the meter while a run goes on."""
+    if meter is None:
+        yield
+        return
+    meter.start()
+    try:
+        yield
+    finally:
+        meter.close()
 
 
 def _raise_failure(solution: Solution, t1: float) -> None:

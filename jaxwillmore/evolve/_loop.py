@@ -11,12 +11,13 @@ import optimistix as optx
 from jaxtyping import Array
 
 from .._observers import asks_to_stop
-from ..mesh import self_intersections
+from ..mesh import SurfaceMesh, self_intersections
 from ._adaptive import Controller
 from ._checkpoints import Checkpoints, Pace
 from ._continuation import Continuation, Origin
 from ._host_step import HostStep
 from ._record import diagnostics
+from ._remeshing import NewMesh, Refused, Remeshing, moved
 from ._save import Saver
 from ._singular import NORMAL_LOST, explained, has_vanished
 from ._solution import ENDS, RESULTS, Solution, State
@@ -45,15 +46,15 @@ def _push(history: History, t, attempt: Attempt) -> History:
 class Loop:
     """Steps one run until it ends; all that changes in a run lives here.
 
-    **Arguments:** see `evolve`. `advance` attempts a step, `(history, weights, t) -> Attempt`;
-    `schedule` fixes the times and switches rejections off.
+    **Arguments:** see `evolve`. `advance_with` makes of a stepper what attempts a step,
+    `(history, weights, t) -> Attempt`; `schedule` fixes the times and switches rejections off.
     """
 
     def __init__(
         self,
         stepper: Stepper,
         *,
-        advance: Callable[..., Attempt],
+        advance_with: Callable[[Stepper], Callable[..., Attempt]],
         controller: Controller,
         schedule: list[float] | None,
         order: int,
@@ -61,12 +62,14 @@ class Loop:
         self_contact: bool,
         max_steps: int,
         saver: Saver,
+        remeshing: Remeshing | None,
         observer: Callable[[dict[str, float | int], State], object] | None,
         on_save: Callable[[State], None] | None,
         checkpoints: Checkpoints | None,
         origin: Origin,
     ):
-        self.stepper, self.advance, self.controller = stepper, advance, controller
+        self.advance_with, self.controller, self.remeshing = advance_with, controller, remeshing
+        self._step_with(stepper)
         self.schedule, self.order = schedule, order
         self.stationary_tolerance, self.max_steps = stationary_tolerance, max_steps
         self.self_contact = self_contact
@@ -77,6 +80,7 @@ class Loop:
         self.records: list[dict[str, float | int]] = []
         self.times: list[float] = []
         self.saved: list[State] = []
+        self.new_meshes: list[NewMesh] = []
         self.stats: dict[str, Any] = {
             "steps": 0,
             "rejected_steps": 0,
@@ -84,6 +88,15 @@ class Loop:
             "jacobians": 0,
             "linear_iterations": 0,
         }
+        if remeshing is not None:
+            self.stats |= {"remeshings": 0, "refused_remeshings": 0, "refused_because": ""}
+
+    def _step_with(self, stepper: Stepper) -> None:
+        self.stepper, self.advance = stepper, self.advance_with(stepper)
+
+    @property
+    def _mesh(self) -> SurfaceMesh:
+        return self.stepper.problem.mesh
 
     def run(
         self, x0: Array, fields: dict[str, Array], t0: float, t1: float, dt: float, interrupted
@@ -91,7 +104,7 @@ class Loop:
         """From `t0` to `t1`, starting with a step `dt`."""
         self.dt = dt
         self.history = _start(self.stepper, jnp.asarray(t0), x0, fields, self.depth)
-        self.state = State(t0, x0, self._initial_fields(self.history))
+        self.state = State(t0, x0, self._initial_fields(self.history), self._mesh)
         self.times.append(t0)
         # Of these only the energy is read, which needs no field that a step would have to find.
         nothing = jnp.zeros(self.stepper.problem.flow.n_globals)
@@ -105,6 +118,9 @@ class Loop:
     def resume(self, solution: Solution, t1: float, interrupted) -> Solution:
         """From where another loop ended, or was when it handed out its solution."""
         c = solution.continuation
+        if solution.new_meshes:
+            self._step_with(self.stepper.on(solution.mesh))
+        self.new_meshes = list(solution.new_meshes)
         check_fits(c, self.stepper.problem.flow, self.depth)
         self.history, self.state = c.history, solution.state
         self.dt, self.rejections = c.dt, c.rejections
@@ -158,9 +174,9 @@ class Loop:
         rise = (record["energy"] - self.energy) / reference if reference else 0.0
         self.energy, self.size = record["energy"], record["energy_scale"]
         self.least = min(self.least, self.energy)
-        self.state = State(t, attempt.x, self.stepper.fields(attempt.U))
+        self.state = State(t, attempt.x, self.stepper.fields(attempt.U), self._mesh)
         stopped = self._accept(record, attempt, self.state, dt, self.rejections)
-        self._save(self.saver.passed(self.history, len(self.times)))
+        self._save(self.saver.passed(self.stepper, self.history, len(self.times)))
         self.rejections = 0
         self.dt = self.controller.after_acceptance(
             dt, float(attempt.error), self.order, int(attempt.newton_iterations), rise
@@ -171,6 +187,8 @@ class Loop:
             return RESULTS.vanished
         if self._is_stationary(record):
             return RESULTS.stationary
+        if self._is_time_for_a_new_mesh(t1):
+            self._remesh()
         self.pace.step(self._so_far)
         return None
 
@@ -180,7 +198,6 @@ class Loop:
     def _solution(self, result: RESULTS) -> Solution:
         wall = self.earlier + time.perf_counter() - self.started
         return Solution(
-            self.stepper.problem.mesh,
             tuple(self.saved),
             self.state,
             tuple(self.times),
@@ -198,7 +215,35 @@ class Loop:
                 self.rejections,
                 self.advance.kept if isinstance(self.advance, HostStep) else None,
             ),
+            tuple(self.new_meshes),
         )
+
+    def _is_time_for_a_new_mesh(self, t1: float) -> bool:
+        if self.remeshing is None or self.state.t >= t1:
+            return False
+        is_looked_at = self.stats["steps"] % self.remeshing.every == 0
+        return is_looked_at and self.remeshing.is_due(self._mesh, self.state.x)
+
+    def _remesh(self) -> None:
+        """Go on with a new mesh, unless none is any good."""
+        assert self.remeshing is not None
+        step = self.stats["steps"]
+        found = moved(
+            self.remeshing, self.stepper, self.history, step, self.energy, self._reference()
+        )
+        if isinstance(found, Refused):
+            self.stats["refused_remeshings"] += 1
+            self.stats["refused_because"] = found.reason
+            return
+        self.stats["remeshings"] += 1
+        self.new_meshes.append(found.new)
+        self._step_with(found.stepper)
+        self.history = found.history
+        # The rise by a new mesh is no rise of the flow.
+        self.least += found.energy - self.energy
+        self.energy, self.size = found.energy, found.size
+        fields = self.stepper.fields(self.history.U[0])
+        self.state = State(self.state.t, self.history.x[0], fields, self._mesh)
 
     def _initial_fields(self, history: History) -> dict[str, Array]:
         flow = self.stepper.problem.flow

@@ -8,26 +8,28 @@ import numpy as np
 
 from ..mesh import SurfaceMesh
 from ._continuation import Continuation, Kept, Origin
+from ._remeshing import NewMesh
 from ._solution import Solution, State, name_of, result_named
 from ._step import StepData
 from ._stepper import History
 from ._whole import check_whole
 
 _NUMBERS = ("dt", "energy", "size", "floor", "least")
+_MAP = ("nodes", "weights", "offset")
 
 
 def parts_of(solution: Solution) -> tuple[dict[str, Any], dict[str, np.ndarray]]:
     """What JSON can say of a solution, and its arrays by name; every digit is in one of them."""
-    c, mesh = solution.continuation, solution.mesh
+    c, mesh, states = solution.continuation, solution.mesh, (solution.state, *solution.saved)
+    meshes = _Distinct()
     arrays: dict[str, Any] = {
-        "cells": mesh.cells,
+        "cells": c.origin.cells,
         "times": np.asarray(solution.times, float),
         "numbers": np.asarray([getattr(c, name) for name in _NUMBERS], float),
         "x0": c.origin.x0,
     }
     arrays |= _fields("history", c.history)
     arrays |= {f"parameters.{k}": p for k, p in enumerate(c.origin.parameters)}
-    states = (solution.state, *solution.saved)
     for k, state in enumerate(states):
         arrays[f"states.{k}.x"] = state.x
         arrays |= {f"states.{k}.fields.{name}": a for name, a in state.fields.items()}
@@ -41,14 +43,39 @@ def parts_of(solution: Solution) -> tuple[dict[str, Any], dict[str, np.ndarray]]
         "n_nodes": mesh.n_nodes,
         "result": name_of(solution.result),
         "stats": solution.stats,
-        "states": [{"t": s.t, "fields": list(s.fields)} for s in states],
+        "states": [
+            {"t": s.t, "fields": list(s.fields), "mesh": meshes.number(s.mesh)} for s in states
+        ],
+        "new_meshes": [
+            {"step": new.step, "t": new.t, "mesh": meshes.number(new.mesh), "changes": new.changes}
+            for new in solution.new_meshes
+        ],
         "columns": columns,
         "settings": [list(pair) for pair in c.origin.settings],
         "n_parameters": len(c.origin.parameters),
         "rejections": c.rejections,
         "kept": None if c.kept is None else c.kept.is_whole,
     }
+    for k, new in enumerate(solution.new_meshes):
+        arrays |= {f"new_meshes.{k}.{name}": getattr(new, name) for name in _MAP}
+    words["n_meshes"] = len(meshes.all)
+    arrays |= {f"meshes.{k}": each.cells for k, each in enumerate(meshes.all)}
     return words, {name: np.asarray(array) for name, array in arrays.items()}
+
+
+class _Distinct:
+    """Meshes, each once."""
+
+    def __init__(self):
+        self.all: list[SurfaceMesh] = []
+
+    def number(self, mesh: SurfaceMesh) -> int:
+        """Where a mesh stands, which is added where it is new."""
+        for k, known in enumerate(self.all):
+            if known is mesh or np.array_equal(known.cells, mesh.cells):
+                return k
+        self.all.append(mesh)
+        return len(self.all) - 1
 
 
 def solution_of(words: dict[str, Any], arrays: dict[str, np.ndarray]) -> Solution:
@@ -57,12 +84,16 @@ def solution_of(words: dict[str, Any], arrays: dict[str, np.ndarray]) -> Solutio
     **Raises:** `KeyError`, `TypeError` or `ValueError` where these are not its parts, or do not
     fit together.
     """
-    mesh = SurfaceMesh(arrays["cells"], degree=words["degree"], n_nodes=words["n_nodes"])
+    meshes = [
+        SurfaceMesh(arrays[f"meshes.{k}"], degree=words["degree"], n_nodes=words["n_nodes"])
+        for k in range(words["n_meshes"])
+    ]
     states = [
         State(
             said["t"],
             jnp.asarray(arrays[f"states.{k}.x"]),
             {name: jnp.asarray(arrays[f"states.{k}.fields.{name}"]) for name in said["fields"]},
+            meshes[said["mesh"]],
         )
         for k, said in enumerate(words["states"])
     ]
@@ -75,14 +106,23 @@ def solution_of(words: dict[str, Any], arrays: dict[str, np.ndarray]) -> Solutio
         data = StepData(**_arrays(StepData, "kept", arrays))
         kept = Kept(data, arrays["kept.y"], bool(words["kept"]))
     continuation = Continuation(
-        Origin(jnp.asarray(arrays["x0"]), parameters, settings),
+        Origin(jnp.asarray(arrays["cells"]), jnp.asarray(arrays["x0"]), parameters, settings),
         History(**_arrays(History, "history", arrays)),
         **dict(zip(_NUMBERS, arrays["numbers"].tolist(), strict=True)),
         rejections=words["rejections"],
         kept=kept,
     )
+    new_meshes = tuple(
+        NewMesh(
+            said["step"],
+            said["t"],
+            meshes[said["mesh"]],
+            **{name: jnp.asarray(arrays[f"new_meshes.{k}.{name}"]) for name in _MAP},
+            changes=said["changes"],
+        )
+        for k, said in enumerate(words["new_meshes"])
+    )
     solution = Solution(
-        mesh,
         tuple(states[1:]),
         states[0],
         tuple(arrays["times"].tolist()),
@@ -90,6 +130,7 @@ def solution_of(words: dict[str, Any], arrays: dict[str, np.ndarray]) -> Solutio
         result_named(words["result"]),
         words["stats"],
         continuation,
+        new_meshes,
     )
     check_whole(solution)
     return solution

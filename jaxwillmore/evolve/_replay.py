@@ -1,5 +1,7 @@
 """replay: a run on a given schedule of times, differentiable in everything."""
 
+from collections.abc import Sequence
+
 import equinox as eqx
 import jax
 import jax.numpy as jnp
@@ -11,10 +13,12 @@ from ..mesh import SurfaceMesh
 from ._checks import (
     checked_fields,
     checked_flow,
+    checked_new_meshes,
     checked_nodes,
     checked_order,
     checked_schedule,
 )
+from ._remeshing import NewMesh, history_on
 from ._stepper import Stepper, Weights, weights
 
 
@@ -24,7 +28,7 @@ class Trajectory(eqx.Module):
     **Attributes:**
 
     - `times`: the schedule.
-    - `x`: nodes at every time, the initial ones first.
+    - `x`: nodes at every time, the initial ones first; after a new mesh those of that.
     - `fields`: nodal fields by name at every time but the first.
     - `multipliers`: global unknowns of the flow (tension, pressure, ...) by name, likewise.
     - `converged`: whether every implicit step converged.
@@ -79,6 +83,7 @@ def replay(
     linear_solver: str = "krylov",
     stepper: Stepper | None = None,
     checkpoint: bool = True,
+    new_meshes: Sequence[NewMesh] = (),
 ) -> Trajectory:
     r"""Run a flow through given times, as one differentiable function.
 
@@ -97,11 +102,14 @@ def replay(
       parameter sets at once under `vmap`, and for a whole run on a device.
     - `stepper`: a `Stepper` of the same mesh, when `mesh` itself is traced and its sparsity
       cannot be computed; its flow is replaced by `flow`.
+    - `new_meshes`: those of the `Solution` whose `times` are given, if its run was remeshed. After
+      the step that each belongs to, everything goes on on its nodes; derivatives pass, with which
+      old triangle every new node lies in, and where, taken as fixed.
     - `checkpoint`: keep only the solution of every step for the reverse pass, and linearise about
       it there. `False` keeps the linearisations: ten times the memory, and no faster.
 
-    **Raises:** `ValueError` if `times` has fewer than two entries or does not increase, and for
-    the other arguments as `evolve`.
+    **Raises:** `ValueError` if `times` has fewer than two entries or does not increase, for new
+    meshes that do not belong to this mesh and these times, and for the other arguments as `evolve`.
 
     ```python
     def final_area(b):
@@ -126,7 +134,13 @@ def replay(
         else eqx.tree_at(lambda s: s.problem.flow, stepper, flow)
     )
     fields = flow.start(mesh, x0, checked_fields(flow, mesh, initial))
-    x, U, multipliers, converged = _run(advance, x0, fields, times, bdf_order, checkpoint)
+    if new_meshes:
+        checked_new_meshes(new_meshes, mesh, times.shape[0] - 1, flow)
+        x, U, multipliers, converged = _run_through(
+            advance, x0, fields, times, bdf_order, checkpoint, new_meshes
+        )
+    else:
+        x, U, multipliers, converged = _run(advance, x0, fields, times, bdf_order, checkpoint)
     return Trajectory(
         times,
         jnp.concatenate([jnp.asarray(x0)[None], x]),
@@ -143,6 +157,12 @@ def _run(advance: Stepper, x0, fields, times, bdf_order: int, checkpoint: bool):
     """Nodes, unknowns, multipliers and convergence of every step of a schedule."""
     depth = max(bdf_order + 1, 3)
     history = advance.start(times[0], x0, fields, depth)
+    schedule = _all_weights(times, depth, bdf_order), times[1:]
+    return jax.lax.scan(_step_of(advance, checkpoint), history, schedule)[1]
+
+
+def _step_of(advance: Stepper, checkpoint: bool):
+    """A step from a history to the next one, with what is kept of it."""
 
     def step(history, inputs):
         w, t = inputs
@@ -153,5 +173,26 @@ def _run(advance: Stepper, x0, fields, times, bdf_order: int, checkpoint: bool):
 
     if checkpoint:
         step = jax.checkpoint(step, policy=_is_a_solution)  # pyright: ignore[reportPrivateImportUsage]
-    schedule = _all_weights(times, depth, bdf_order), times[1:]
-    return jax.lax.scan(step, history, schedule)[1]
+    return step
+
+
+# One step at a time, since the mesh changes between them; its arrays are arguments of one program.
+@eqx.filter_jit
+def _one_step(advance: Stepper, history, w, t, checkpoint: bool):
+    return _step_of(advance, checkpoint)(history, (w, t))
+
+
+def _run_through(advance, x0, fields, times, bdf_order: int, checkpoint: bool, new_meshes):
+    """As `_run`, through new meshes."""
+    depth = max(bdf_order + 1, 3)
+    history = advance.start(times[0], x0, fields, depth)
+    all_weights, kept = _all_weights(times, depth, bdf_order), []
+    after = {new.step: new for new in new_meshes}
+    for k in range(times.shape[0] - 1):
+        w = jax.tree.map(lambda a, k=k: a[k], all_weights)
+        history, state = _one_step(advance, history, w, times[k + 1], checkpoint)
+        kept.append(state)
+        if k + 1 in after:
+            advance = advance.on(after[k + 1].mesh)
+            history = history_on(after[k + 1], advance, history)
+    return jax.tree.map(lambda *states: jnp.stack(states), *kept)

@@ -37,9 +37,8 @@ def save_times(saveat: float | Sequence[float] | None, t0: float, t1: float) -> 
 class Saver:
     """Hands out the states at the requested times as the history passes them."""
 
-    def __init__(self, stepper: Stepper, times: list[float], order: int):
-        self._stepper, self._order = stepper, order
-        self._times = list(times)
+    def __init__(self, times: list[float], order: int):
+        self._order, self._times = order, list(times)
 
     def skip(self, t: float) -> None:
         """Forget the times up to `t`, whose states have been handed out."""
@@ -49,14 +48,14 @@ class Saver:
     def _is_passed(self, newest: float) -> bool:
         return self._times[0] <= newest + 1e-12 * abs(newest)
 
-    def passed(self, history: History, known: int) -> list[State]:
+    def passed(self, stepper: Stepper, history: History, known: int) -> list[State]:
         """States at the requested times up to the newest one; `known` rows of it are states."""
         newest, out = float(history.times[0]), []
         while self._times and self._is_passed(newest):
-            out.append(self._at(history, known, self._times.pop(0)))
+            out.append(self._at(stepper, history, known, self._times.pop(0)))
         return out
 
-    def _at(self, history: History, known: int, t: float) -> State:
+    def _at(self, stepper: Stepper, history: History, known: int, t: float) -> State:
         points = min(known, self._order + 1)
         # V and z of the initial state are not known: they come from the solved states only.
         solved = min(points, known - 1)
@@ -65,8 +64,8 @@ class Saver:
         evolving = jnp.tensordot(weights, history.U[:points], axes=1)
         weights = extrapolation(history.times[:solved], jnp.asarray(t))
         algebraic = jnp.tensordot(weights, history.U[:solved], axes=1)
-        flow = self._stepper.problem.flow
+        flow, mesh = stepper.problem.flow, stepper.problem.mesh
         mask = np.zeros(flow.layout.width, bool)
         for name in flow.evolving:
             mask[flow.layout.columns(name)] = True
-        return State(t, x, self._stepper.fields(jnp.where(mask, evolving, algebraic)))
+        return State(t, x, stepper.fields(jnp.where(mask, evolving, algebraic)), mesh)

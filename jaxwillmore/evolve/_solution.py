@@ -7,6 +7,7 @@ from jaxtyping import Array, Float
 
 from ..mesh import SurfaceMesh
 from ._continuation import Continuation
+from ._remeshing import NewMesh
 
 
 class RESULTS(eqx.Enumeration):
@@ -106,11 +107,13 @@ class State(eqx.Module):
     - `x`: nodes.
     - `fields`: nodal fields of the flow by name. For Willmore flow `H`, `nu`, `V`, `z`. At the
       initial time those that no initial value exists for, `V` and `z`, are not among them.
+    - `mesh`: connectivity of the nodes.
     """
 
     t: float
     x: Float[Array, "nodes 3"]
     fields: dict[str, Array]
+    mesh: SurfaceMesh
 
     @property
     def H(self) -> Float[Array, " nodes"]:
@@ -133,16 +136,15 @@ class Solution(eqx.Module):
 
     **Attributes:**
 
-    - `mesh`: connectivity, the same throughout.
     - `saved`: the states asked for by `saveat`, in order of time.
     - `state`: the last good state.
     - `times`: all accepted times, the initial one first: the schedule that `replay` takes.
     - `records`: one dictionary of diagnostics per accepted step.
     - `result`, `stats`: why it stopped and what it cost.
     - `continuation`: what `evolve(..., resume=solution)` needs beside them.
+    - `new_meshes`: one `NewMesh` for every remeshing, in order; `replay` takes them with `times`.
     """
 
-    mesh: SurfaceMesh
     saved: tuple[State, ...]
     state: State
     times: tuple[float, ...]
@@ -150,6 +152,12 @@ class Solution(eqx.Module):
     result: RESULTS
     stats: dict[str, Any]
     continuation: Continuation
+    new_meshes: tuple[NewMesh, ...] = ()
+
+    @property
+    def mesh(self) -> SurfaceMesh:
+        """Connectivity of the last state: of all states, unless the run was remeshed."""
+        return self.state.mesh
 
     @property
     def succeeded(self) -> bool:

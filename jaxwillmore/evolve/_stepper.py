@@ -141,6 +141,17 @@ class Stepper(eqx.Module):
         self.scheme, self.newton_tolerance = scheme, newton_tolerance
         self.method, self.max_newton = linear_solver, max_newton
 
+    def on(self, mesh: SurfaceMesh) -> "Stepper":
+        """The same on another mesh."""
+        return Stepper(
+            self.problem.flow,
+            mesh,
+            scheme=self.scheme,
+            newton_tolerance=self.newton_tolerance,
+            linear_solver=self.method,
+            max_newton=self.max_newton,
+        )
+
     def start(self, t0, x0, fields: dict[str, Array], depth: int) -> History:
         """The history before the first step; fields that are not given are zero."""
         layout = self.problem.flow.layout

@@ -15,6 +15,8 @@ def check_whole(solution: Solution) -> None:
     **Raises:** `ValueError` saying which part does not fit.
     """
     n, c = solution.mesh.n_nodes, solution.continuation
+    if any(new.mesh.n_nodes != n for new in solution.new_meshes):
+        raise ValueError(f"its new meshes do not all have {n} nodes")
     for k, state in enumerate((solution.state, *solution.saved)):
         name = "the state" if k == 0 else f"the saved state {k - 1}"
         _has(f"x of {name}", state.x, (n, 3))

@@ -11,7 +11,6 @@ from ..energies import TwoPhase
 from ..equilibria import Equilibrium
 from ..evolve import State
 from ..health import HealthWarning, concentration_warnings
-from ..mesh import SurfaceMesh
 from ..phases import amount, domains, interface_length
 from ..surface import area
 from ._phase import mixing_energy, mixing_energy_width
@@ -25,14 +24,14 @@ _ENERGIES = ("energy_bending", "energy_gaussian", "energy_phase")
 class PhaseRecord:
     """Adds to the record of a step what is not part of the flow: parts of the energy, domains."""
 
-    def __init__(self, case: Case, mesh: SurfaceMesh):
-        self._energy, self._mesh = mixing_energy(case), mesh
+    def __init__(self, case: Case):
+        self._energy = mixing_energy(case)
 
     def columns(self, state: State) -> dict[str, float]:
         """Columns of `history.csv` beside those of the record."""
-        values = _parts(self._energy, self._mesh, state.x, state.fields["c"])
+        values = _parts(self._energy, state.mesh, state.x, state.fields["c"])
         parts = {f"{PREFIX}energy_{name}": float(value) for name, value in values.items()}
-        return parts | {f"{PREFIX}domains": domains(self._mesh, state.fields["c"])}
+        return parts | {f"{PREFIX}domains": domains(state.mesh, state.fields["c"])}
 
 
 @eqx.filter_jit
@@ -64,11 +63,11 @@ def phase_of_equilibrium(shape: Equilibrium) -> dict[str, float]:
     }
 
 
-def warnings_of_phase(case: Case, mesh: SurfaceMesh, state: State, first: float | None):
+def warnings_of_phase(case: Case, state: State, first: float | None):
     """What speaks against the concentration of a state; `first` is the amount of the start."""
     held = case.phase is not None and (case.phase.law == "cahn-hilliard" or case.phase.hold_amount)
     found: tuple[HealthWarning, ...] = concentration_warnings(
-        mesh,
+        state.mesh,
         state.x,
         state.fields["c"],
         width=float(mixing_energy_width(case)),

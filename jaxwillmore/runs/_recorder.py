@@ -11,7 +11,6 @@ from ..cases import Case
 from ..evolve import Solution, State
 from ..health import HealthWarning, health_warnings
 from ..io import Checkpoint, RunFolder
-from ..mesh import SurfaceMesh
 from ..surface import recover_mean_curvature, recover_normal
 from ._output import gaussian_curvature
 from ._phase_record import PhaseRecord, warnings_of_phase
@@ -21,13 +20,13 @@ from ._summary import first_record, row_of, warnings_of
 class Recorder:
     """Writes a run while it goes on; what it has written last is all it remembers."""
 
-    def __init__(self, case: Case, folder: RunFolder, flow, mesh: SurfaceMesh, progress):
-        self._case, self._folder, self._flow, self._mesh = case, folder, flow, mesh
+    def __init__(self, case: Case, folder: RunFolder, flow, progress):
+        self._case, self._folder, self._flow = case, folder, flow
         self._progress = progress
         self._rejected_steps, self._rows, self._frames = 0, 0, 0
         self._last_frame: float | None = None
         self._disk_is_full = False
-        self._phase = None if case.phase is None else PhaseRecord(case, mesh)
+        self._phase = None if case.phase is None else PhaseRecord(case)
         self.first: State | None = None
         self.first_amount: float | None = None
         self.fatal: tuple[HealthWarning, ...] = ()
@@ -41,7 +40,7 @@ class Recorder:
             self._progress(row)
         # An interrupt ends the run after this step anyway, and is then why it ended.
         if self._case.output.fatal_warnings and not interrupted():
-            self.fatal = health_warnings(self._mesh, state.x, state.fields.get("H"))
+            self.fatal = health_warnings(state.mesh, state.x, state.fields.get("H"))
             self.fatal += self._of_phase(state)
         return bool(self.fatal)
 
@@ -50,25 +49,25 @@ class Recorder:
 
     def warnings(self, state: State) -> tuple[HealthWarning, ...]:
         """What speaks against a state."""
-        found = warnings_of(self._case, self._mesh, state.x, state.fields.get("H"))
+        found = warnings_of(self._case, state.mesh, state.x, state.fields.get("H"))
         return found + self._of_phase(state)
 
     def _of_phase(self, state: State) -> tuple[HealthWarning, ...]:
         if self._phase is None:
             return ()
-        return warnings_of_phase(self._case, self._mesh, state, self.first_amount)
+        return warnings_of_phase(self._case, state, self.first_amount)
 
     def save(self, state: State) -> None:
         """A frame; the first one comes before the first step and starts the history too."""
         if self._last_frame is None:
             self.first = state
-            record = first_record(self._flow, self._mesh, state)
+            record = first_record(self._flow, state)
             self.first_amount = record.get("phase_amount")
             self._append(row_of(record | self._extra(state)))
         self._last_frame = state.t
         if self._case.output.frames:
-            fields = frame_fields(self._mesh, state)
-            self._folder.write_frame(state.t, self._mesh, state.x, fields)
+            fields = frame_fields(state)
+            self._folder.write_frame(state.t, state.mesh, state.x, fields)
             self._frames += 1
 
     def _append(self, row: dict[str, Any]) -> None:
@@ -112,11 +111,12 @@ class Recorder:
             self.save(state)
 
 
-def frame_fields(mesh: SurfaceMesh, state: State) -> dict[str, Any]:
+def frame_fields(state: State) -> dict[str, Any]:
     """What a frame shows: H, K, the normal, the velocity, c and μ.
 
     Velocity and μ are NaN before the first step: all frames of a series have the same fields.
     """
+    mesh = state.mesh
     lost = np.full(mesh.n_nodes, np.nan)
     shown = {name: state.fields.get(name, lost) for name in ("c", "mu") if "c" in state.fields}
     if "H" not in state.fields:

@@ -69,7 +69,7 @@ def resume_case(
         start = start._replace(x=checkpoint.solution.continuation.origin.x0)
         flow = flow_of(longer, start.mesh, start.x)
         announced(memory_estimate(flow, start.mesh), start.mesh, announce)
-        recorder = Recorder(longer, folder, flow, start.mesh, progress)
+        recorder = Recorder(longer, folder, flow, progress)
         try:
             recorder.go_on(checkpoint)
             if longer != case:

@@ -8,8 +8,18 @@ from collections.abc import Callable
 from typing import Any
 
 from .._interrupts import catch_interrupts
-from ..cases import Case, CaseError
-from ..evolve import Checkpoints, Solution, State, evolve, memory_estimate, message, name_of
+from ..cases import Case, CaseError, MeshCase
+from ..evolve import (
+    Checkpoints,
+    NewMesh,
+    Remeshing,
+    Solution,
+    State,
+    evolve,
+    memory_estimate,
+    message,
+    name_of,
+)
 from ..flows import System
 from ..io import Checkpoint, RunFolder, read_history
 from ..plot import history_picture, surface_picture
@@ -75,7 +85,7 @@ def run_case(
     stored = stored_case(case)
     with open_folder(out, existing) as folder:
         stored.write(folder)
-        recorder = Recorder(case, folder, flow, start.mesh, progress)
+        recorder = Recorder(case, folder, flow, progress)
         return performed(case, start, flow, folder, recorder, began)
 
 
@@ -95,7 +105,7 @@ def performed(
     # Before the frame of the last state, which a run that goes on does not have.
     recorder.checkpoint(solution)
     recorder.finish(last)
-    folder.write_final(start.mesh, last.x, frame_fields(start.mesh, last))
+    folder.write_final(last.mesh, last.x, frame_fields(last))
     rows = read_history(folder.history.path)
     found = recorder.fatal or recorder.warnings(last)
     status, words = name_of(solution.result), message(solution.result)
@@ -111,10 +121,11 @@ def performed(
         "t": last.t,
         "singular_time": solution.stats.get("singular_time"),
         **_counts(solution.stats),
-        **end_of_flow(case, start.mesh, last, rows),
+        "remeshings": [_told(new) for new in solution.new_meshes],
+        **end_of_flow(case, last, rows),
         "health": health_of(found),
         "repairs": list(start.repairs),
-        "notes": [] if checkpoint is None else list(checkpoint.notes),
+        "notes": [*([] if checkpoint is None else checkpoint.notes), *_refused(solution.stats)],
         **provenance(time.perf_counter() - began + earlier),
     }
     folder.write_summary(summary)
@@ -143,6 +154,7 @@ def _evolved(
         rtol=case.time.rtol,
         stationary_tolerance=case.time.stop_when_stationary or None,
         self_contact=case.time.self_contact,
+        remesh=_remeshing(case.mesh),
         saveat=case.output.every,
         max_steps=case.time.max_steps,
         throw=False,
@@ -153,6 +165,29 @@ def _evolved(
             recorder.checkpoint, case.output.checkpoint_minutes, case.output.checkpoint_steps
         ),
     )
+
+
+def _remeshing(mesh: MeshCase) -> Remeshing | None:
+    if mesh.remesh_when is None:
+        return None
+    return Remeshing(
+        least_angle=mesh.remesh_when,
+        size=mesh.remesh_size,
+        every=mesh.remesh_every,
+        energy_change=mesh.remesh_energy_change,
+    )
+
+
+def _told(new: NewMesh) -> dict[str, float]:
+    return {"step": new.step, "t": new.t, **new.changes}
+
+
+def _refused(stats: dict[str, Any]) -> list[str]:
+    count = stats.get("refused_remeshings", 0)
+    if not count:
+        return []
+    used = "1 new mesh was" if count == 1 else f"{count} new meshes were"
+    return [f"{used} made and not used; the last one because: {stats['refused_because']}"]
 
 
 def _counts(stats: dict[str, Any]) -> dict[str, int]:
@@ -173,16 +208,16 @@ def _draw(folder: RunFolder, solution: Solution, first: State | None, rows, summ
         first_words += f",  E = {summary['start']['energy']:.6g}"
     surface_picture(
         folder.file("final.png"),
-        solution.mesh,
+        last.mesh,
         last.x,
         last.fields[name],
         field_name=name,
         contour=0.5 if name == "c" else None,
         caption=last_words,
-        start=first.x,
+        start=(first.mesh, first.x),
         start_field=first.fields[name],
         start_caption=first_words,
     )
-    reference = reference_energies(solution.mesh.genus)
+    reference = reference_energies(last.mesh.genus)
     title = f"{summary['status'].replace('_', ' ')} at t = {last.t:.4g}"
     history_picture(folder.file("history.png"), rows, reference=reference, title=title)

@@ -32,9 +32,9 @@ def row_of(record: dict[str, Any]) -> dict[str, Any]:
     return {name: record[name] for name in _FIRST_COLUMNS if name in record} | record
 
 
-def first_record(flow: System, mesh: SurfaceMesh, state: State) -> dict[str, Any]:
+def first_record(flow: System, state: State) -> dict[str, Any]:
     """The row of `history.csv` for the start, with the columns of every later row."""
-    values = diagnostics(flow, mesh, state.x, state.fields)
+    values = diagnostics(flow, state.mesh, state.x, state.fields)
     row = {"step": 0, "dt": 0.0, "error": 0.0, "t": state.t}
     row |= {name: float(value) for name, value in values.items()}
     # Multipliers belong to steps; before the first one there are none.
@@ -59,9 +59,9 @@ def _measures(mesh, x, H):
     return Willmore()(mesh, x), willmore_of_field(mesh, x, H), area(mesh, x), volume(mesh, x)
 
 
-def end_of_flow(case: Case, mesh: SurfaceMesh, state: State, rows: list[dict]) -> dict[str, Any]:
+def end_of_flow(case: Case, state: State, rows: list[dict]) -> dict[str, Any]:
     """Energies, multipliers and mesh of the last state of a flow; `rows` is its history."""
-    last = rows[-1]
+    last, mesh = rows[-1], state.mesh
     bending = None
     if case.flow.kind == "willmore" and case.phase is None:
         b = case.energy.bending_modulus

@@ -65,7 +65,8 @@ class Problem:
         """Mesh, nodes and exact fields at time 0."""
         mesh, x = rough_sphere(level, degree, roughness)
         x, exact = self.from_sphere(x), self.surface(0.0)
-        return mesh, State(0.0, x, {"H": exact.mean_curvature(x), "nu": exact.normal(x)})
+        fields = {"H": exact.mean_curvature(x), "nu": exact.normal(x)}
+        return mesh, State(0.0, x, fields, mesh)
 
     def run(
         self,
