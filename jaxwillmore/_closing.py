@@ -32,8 +32,21 @@ def flow_closing(summary: dict[str, Any]) -> str:
     return (
         f"{summary['status']} at t = {summary['t']:.6g} after {summary['steps']} steps "
         f"({summary['rejected_steps']} rejected, {summary['wall_seconds']:.1f} s)\n"
+        f"{_new_meshes(summary.get('remeshings', []))}"
         f"{energy}, area {summary['area']:.6g}, "
         f"volume {summary['volume']:.6g}, reduced volume {summary['reduced_volume']:.6f}{phase}"
+    )
+
+
+def _new_meshes(remeshings: list[dict[str, Any]]) -> str:
+    if not remeshings:
+        return ""
+    count = len(remeshings)
+    steps = ", ".join(str(new["step"]) for new in remeshings[:8]) + (", ..." if count > 8 else "")
+    change = sum(new["energy"] for new in remeshings)
+    return (
+        f"{count} new mesh{'es' if count > 1 else ''}, after step{'s' if count > 1 else ''} {steps}; "
+        f"the energy changed by {change:+.2g} of its size in all\n"
     )
 
 
