@@ -41,11 +41,11 @@ def flow_closing(summary: dict[str, Any]) -> str:
 def _new_meshes(remeshings: list[dict[str, Any]]) -> str:
     if not remeshings:
         return ""
-    count = len(remeshings)
+    count, plural = len(remeshings), len(remeshings) > 1
     steps = ", ".join(str(new["step"]) for new in remeshings[:8]) + (", ..." if count > 8 else "")
     change = sum(new["energy"] for new in remeshings)
     return (
-        f"{count} new mesh{'es' if count > 1 else ''}, after step{'s' if count > 1 else ''} {steps}; "
+        f"{count} new mesh{'es' * plural}, after step{'s' * plural} {steps}; "
         f"the energy changed by {change:+.2g} of its size in all\n"
     )
 

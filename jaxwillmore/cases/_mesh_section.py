@@ -20,7 +20,7 @@ class MeshCase:
     name: ClassVar[str] = "mesh"
 
     remesh_when: float | None = declare(
-        optional(number("least angle, degrees, below which triangles are made anew", above=0.0)),
+        optional(number("new triangles where an angle is less; left out, never", above=0.0)),
         None,
     )
     remesh_size: str = declare(

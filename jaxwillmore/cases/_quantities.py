@@ -55,6 +55,9 @@ QUANTITIES: dict[str, Quantity] = {
     "merge_tolerance": Quantity("d", "length"),
     "noise": Quantity("s", "length"),
     "radius": Quantity("R₀", "length"),
+    # Triangles.
+    "remesh_when": Quantity("α", "degrees"),
+    "remesh_energy_change": Quantity("ΔE/E"),
     # Without units, by R₀ = √(A/4π) and κ = 2 b_b.
     "scaled_spontaneous_curvature": Quantity("H₀R₀"),
     "scaled_tension": Quantity("σR₀²/κ"),

@@ -20,7 +20,8 @@ LARGEST_ALLOWANCE = 0.1
 # Area elements that vary more than this within a triangle tell that it is about to fold.
 MIN_JACOBIAN = 0.2
 REMESH = (
-    "Remesh: `remesh_when = 15` in [mesh], `evolve(..., remesh=Remeshing())`, or `mesh.remesh`."
+    "Remesh: `remesh_when = 15` in [mesh], `evolve(..., remesh=Remeshing())` in Python, or "
+    "`jw.mesh.remesh`."
 )
 # Relative distance of the two energies that time stepping alone may leave.
 APART = 0.01

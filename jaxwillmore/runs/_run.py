@@ -178,7 +178,7 @@ def _remeshing(mesh: MeshCase) -> Remeshing | None:
     )
 
 
-def _told(new: NewMesh) -> dict[str, float]:
+def _told(new: NewMesh) -> dict[str, Any]:
     return {"step": new.step, "t": new.t, **new.changes}
 
 

@@ -50,8 +50,8 @@ def test_a_distorted_mesh_becomes_even_on_the_same_surface():
     assert before.min_angle < 30 and before.edge_ratio > 5
     assert after.min_angle > 38 and after.edge_ratio < 1.8
     assert new.mesh.degree == 2 and new.mesh.genus == 0 and check_mesh(new.mesh, new.x).ok
-    # The surface is a finite element function of itself: every node is on it.
-    np.testing.assert_allclose(new.transfer(x), new.x, atol=1e-12)
+    # Every node is on the smooth surface through the old nodes; triangles of degree 2 are near it.
+    assert 1e-5 < float(jnp.max(jnp.linalg.norm(new.transfer(x) - new.x, axis=1))) < 0.03
     for measure in (area, volume):
         assert float(measure(new.mesh, new.x) / measure(mesh, x)) == pytest.approx(1, abs=3e-3)
 
@@ -105,7 +105,8 @@ def test_fields_come_along():
     mesh, x = red_cell(level=1, degree=2)
     new = remesh(mesh, x, 0.4)
     u = jnp.stack([x @ jnp.array([1.0, -2.0, 0.5]), jnp.ones(len(x))], axis=1)
-    expected = jnp.stack([new.x @ jnp.array([1.0, -2.0, 0.5]), jnp.ones(len(new.x))], axis=1)
+    y = new.transfer(x)
+    expected = jnp.stack([y @ jnp.array([1.0, -2.0, 0.5]), jnp.ones(len(y))], axis=1)
     np.testing.assert_allclose(new.transfer(u), expected, atol=1e-12)
     np.testing.assert_allclose(new.transfer(u[:, 0]), expected[:, 0], atol=1e-12)
 
