@@ -17,10 +17,10 @@ import time
 import jax.numpy as jnp
 import numpy as np
 from scipy.integrate import solve_ivp
-from scipy.sparse import bmat, diags
+from scipy.sparse import bmat, csr_matrix
 
 import jaxwillmore as jw
-from jaxwillmore.evolve import Remeshing, evolve, name_of
+from jaxwillmore.evolve import Remeshing, Solution, evolve, name_of
 from jaxwillmore.flows import Loads, MeanCurvatureFlow, MinimalDeformation, System, WillmoreFlow
 from jaxwillmore.surface import area, reduced_volume, volume
 from jaxwillmore.verify import format_table
@@ -72,8 +72,8 @@ def pinch_time(points=400, thin=0.004):
     def is_thin(_, y):
         return y[points + 1] - thin
 
-    is_thin.terminal = True
-    band = diags([np.ones(points + 1)] * 5, [-2, -1, 0, 1, 2], shape=(points + 1,) * 2)
+    is_thin.terminal = True  # pyright: ignore[reportFunctionMemberAccess]
+    band = csr_matrix(np.tri(points + 1, k=2) - np.tri(points + 1, k=-3))
     options = {"rtol": 1e-8, "atol": 1e-11, "jac_sparsity": bmat([[band, band], [band, band]])}
     found = solve_ivp(rate, (0, 1), np.r_[x, r], "BDF", events=is_thin, **options)
     square = found.y[points + 1, -6:] ** 2
@@ -86,7 +86,7 @@ class Row:
 
     moves: str
     remesh: str
-    solution: object
+    solution: Solution
     seconds: float
 
     def start(self):
@@ -104,21 +104,22 @@ class Row:
 FIRST = ["moves along", "new meshes", "how many", "energy by them", "ended", "least angle"]
 
 
-def rows(law, mesh, x, moves, **options):
-    """Runs by all ways of remeshing."""
+def rows(law, mesh, x, moves, ways=tuple(REMESHINGS), **options):
+    """Runs by some ways of remeshing."""
     for along in moves:
         flow = System(*law, *([MinimalDeformation()] if along else []))
-        for name, remesh in REMESHINGS.items():
+        for name in ways:
+            remesh = REMESHINGS[name]
             began = time.perf_counter()
             found = evolve(flow, mesh, x, remesh=remesh, throw=False, **options)
             seconds = time.perf_counter() - began
             yield Row("yes" if along else "no", name, found, seconds)
 
 
-def show(title, columns, entries):
+def show(title, columns, entries, first=FIRST):
     """A table with its title."""
     print(f"\n{title}\n")
-    names = [*FIRST, *columns, "seconds"]
+    names = [*first, *columns, "seconds"]
     print(
         format_table([dict(zip(names, entry, strict=True)) for entry in entries], names), flush=True
     )
@@ -155,20 +156,25 @@ def neck():
 
 
 def pearls(picture=None):
-    """A tube."""
-    mesh, x = jw.mesh.from_sphere_map(tube, 2, 2)
-    laws = [WillmoreFlow(0.5, H0), Loads(area=float(area(mesh, x)), volume=float(volume(mesh, x)))]
-    entries, found = [], {}
+    """A tube; the last row, on a finer mesh, says what is to be expected."""
+    entries, found, x = [], {}, None
     options = {"t1": 30.0, "stationary_tolerance": 1e-4, "max_steps": 150}
-    for row in rows(laws, mesh, x, (True,), **options):
-        last = row.solution.state
-        warned = jw.health.health_warnings(last.mesh, last.x, last.H)
-        kinds = ", ".join(warning.kind for warning in warned) or "none"
-        energy = f"{row.solution.records[-1]['energy']:.4f}"
-        entries.append([*row.start(), f"{last.t:.3g}", energy, kinds, f"{row.seconds:.0f}"])
-        found[row.remesh] = row.solution
-    title = f"tube with v = {float(reduced_volume(mesh, x)):.3f}, H0 = {H0}, {mesh.n_nodes} nodes"
-    show(title, ["t at the end", "energy", "warnings"], entries)
+    for level, ways in ((2, tuple(REMESHINGS)), (3, ("uniform",))):
+        mesh, x = jw.mesh.from_sphere_map(tube, level, 2)
+        held = Loads(area=float(area(mesh, x)), volume=float(volume(mesh, x)))
+        for row in rows([WillmoreFlow(0.5, H0), held], mesh, x, (True,), ways, **options):
+            last = row.solution.state
+            warned = jw.health.health_warnings(last.mesh, last.x, last.H)
+            kinds = ", ".join(warning.kind for warning in warned) or "none"
+            nodes = np.asarray(last.x)
+            inside = nodes[np.abs(nodes[:, 2]) < LENGTH / 3]
+            neck = np.min(np.hypot(inside[:, 0], inside[:, 1]))
+            ends = [f"{last.t:.3g}", f"{neck:.3f}", kinds, f"{row.seconds:.0f}"]
+            entries.append([f"{mesh.n_nodes}", *row.start()[1:], *ends])
+            found.setdefault(row.remesh, row.solution)
+    title = f"tube with v = {float(reduced_volume(mesh, x)):.3f}, H0 = {H0}"
+    columns = ["t at the end", "radius of the necks", "warnings"]
+    show(title, columns, entries, ["nodes", *FIRST[1:]])
     if picture is not None:
         first, last = found["none"].state, found["curvature"].state
         jw.plot.surface_picture(

@@ -116,11 +116,11 @@ def remesh(
             found = old.feet(vertices)
             vertices = found.x
         sizes = field(found)
-    for _ in range(0 if n_vertices is None else COUNTINGS):
-        triangles, vertices = _counted(triangles, vertices, field(found), n_vertices)
-        vertices = _relaxed(triangles, vertices)
-        found = old.feet(vertices)
-        vertices = found.x
+    if n_vertices is not None:
+        for _ in range(COUNTINGS):
+            triangles, vertices = _counted(triangles, vertices, field(found), n_vertices)
+            found = old.feet(_relaxed(triangles, vertices))
+            vertices = found.x
     return _finished(mesh, old, triangles, vertices, n_vertices)
 
 
