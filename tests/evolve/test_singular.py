@@ -5,9 +5,17 @@ import numpy as np
 import pytest
 
 from jaxwillmore import mesh as meshes
+from jaxwillmore.equilibria import branch, equilibrium, spheroid
 from jaxwillmore.evolve import RESULTS, evolve, name_of
 from jaxwillmore.evolve._singular import explained, order_of, singular_time
-from jaxwillmore.flows import MeanCurvatureFlow, MinimalDeformation, SurfaceDiffusion, System
+from jaxwillmore.flows import (
+    Loads,
+    MeanCurvatureFlow,
+    MinimalDeformation,
+    SurfaceDiffusion,
+    System,
+    WillmoreFlow,
+)
 
 NECK = System(MeanCurvatureFlow(), MinimalDeformation())
 
@@ -86,3 +94,28 @@ def test_a_neck_pinches_at_the_time_of_a_finer_mesh():
         assert np.all(np.isfinite(found.state.x))
         times.append(found.stats["singular_time"])
     assert times[0] == pytest.approx(times[1], rel=0.03)
+
+
+@pytest.mark.slow
+def test_the_poles_of_a_deflated_vesicle_touch_where_those_of_equilibria_meet():
+    """An oblate that loses volume slowly, and the branch of oblates at rest, which passes through
+    itself: where the distance of its poles, as a function of the reduced volume, is zero, at .5019
+    on this mesh."""
+    mesh, x = spheroid(0.6, "oblate", level=2)
+    options = {"area": 4 * np.pi, "reduced_volume": 0.6}
+    start = equilibrium(mesh, x, search="stationary", throw=False, **options)
+    family = branch(start, stop=0.505, max_step=0.02, stability=False)
+    v = np.array([row["reduced_volume"] for row in family.rows])
+    poles = [
+        np.sort(np.asarray(p.x)[np.argsort(np.hypot(*p.x.T[:2]))[:2], 2]) for p in family.points
+    ]
+    touching = float(np.polyfit([upper - lower for lower, upper in poles], v, 2)[-1])
+    ball = 4 * np.pi / 3
+
+    def less(t):
+        return (0.6 - 0.15 * t / 100) * ball
+
+    laws = WillmoreFlow(), Loads(area=4 * np.pi, volume=less), MinimalDeformation()
+    found = evolve(System(*laws), mesh, start.x, t1=100.0, self_contact=True, throw=False)
+    assert name_of(found.result) == "contact"
+    assert less(found.stats["singular_time"]) / ball == pytest.approx(touching, abs=1e-3)
