@@ -22,6 +22,7 @@ from ._harmonics import (
     radial_coefficients as radial_coefficients,
     real_harmonics as real_harmonics,
 )
+from ._image import from_image as from_image
 from ._level_set import (
     AbstractLevelSet as AbstractLevelSet,
     BeadsTorus as BeadsTorus,
