@@ -1,6 +1,7 @@
 """Geometry of a surface: exact where a formula is known, discrete everywhere."""
 
 from ..mesh import closest as closest
+from ._blur import deblurred as deblurred
 from ._curvature import (
     gaussian_curvature as gaussian_curvature,
     nodal_weingarten_squared as nodal_weingarten_squared,

@@ -55,7 +55,7 @@ def from_image(
     **Returns:** `(vertices, faces)`, for `spherical`, `mesh.check_surface` and `io.read_surface`.
 
     *Limits:* nothing is smoothed. A blurred edge at half of its height lies inside of the true one,
-    by $\tfrac12\sigma^2 H$ for a Gaussian of standard deviation σ.
+    by $\tfrac12\sigma^2 H$ for a Gaussian of standard deviation σ (`deblurred`).
 
     **Raises:** `ValueError` for an image or sizes that make no sense, an empty label, a body that
     touches the border of the image, where its surface would be open; `mesh.SurfaceError` for
