@@ -40,7 +40,7 @@ KAPPA_IS_INVISIBLE = (
     "a pressure or a time scale."
 )
 # Signs of the three in the energy, and powers of R0 that make them dimensionless.
-SIGNS, POWERS = np.array([-1.0, 1.0, -1.0]), np.array([1, 2, 3])
+SIGNS, POWERS = np.array([-1.0, 1.0, -1.0]), np.array([1.0, 2.0, 3.0])
 # Bending force over that of the tension κ/R0² below which there is none: the error of a mesh leaves
 # 3e-3 on a sphere with 162 nodes.
 NO_FORCE = 4e-3
@@ -128,7 +128,6 @@ def _fields(mesh, x, nu, norm: ForceNorm) -> Float[Array, "nodes 4"]:
 
 
 def _sheet(mesh: SurfaceMesh, x) -> _Sheet:
-    mesh, x = checked_surface(mesh, x, least_degree=2)
     nu = recover_normal(mesh, x)
     norm = force_norm(mesh, x, area_radius(mesh, x))
     return _Sheet(mesh, x, nu, norm, _fields(mesh, x, nu, norm))
@@ -190,15 +189,17 @@ def force_balance(
                 raise ValueError(
                     f"`{what}` has {name!r}; the unknowns are {', '.join(FORCE_PARAMETERS)}."
                 )
-    sheets = [_sheet(mesh, x) for mesh, x in surfaces]
-    R0 = float(np.mean([area_radius(sheet.mesh, sheet.x) for sheet in sheets]))
+    checked = [checked_surface(mesh, x, least_degree=2) for mesh, x in surfaces]
+    R0 = float(np.mean([area_radius(mesh, x) for mesh, x in checked]))
+    # In units of R0, because solves deep inside of derivatives stop at an absolute tolerance.
+    sheets = [_sheet(mesh, x / R0) for mesh, x in checked]
     free = [name for name in FORCE_PARAMETERS if name not in given]
     labels, choices = _unknowns(free, shared, len(sheets))
-    constants = np.array([given.get(name, 0.0) for name in FORCE_PARAMETERS])
+    constants = np.array([given.get(name, 0.0) for name in FORCE_PARAMETERS]) * R0**POWERS
 
     # Normal equations of dW − H0 dM + Σ dA − p dV = 0 in the norm; they have a handful of unknowns
     # and need half the digits of a relative tolerance that is far above rounding.
-    to_factors = [SIGNS[:, None] * R0 ** -POWERS[:, None] * choice for choice in choices]
+    to_factors = [SIGNS[:, None] * choice for choice in choices]
     grams = [_gram(sheet) for sheet in sheets]
     JTJ = np.sum([T.T @ G[1:, 1:] @ T for G, T in zip(grams, to_factors, strict=True)], axis=0)
     fixed = np.concatenate([[1.0], SIGNS * constants])
@@ -208,9 +209,11 @@ def force_balance(
     theta = found.covariance @ JTb
 
     factors = [fixed + np.concatenate([[0.0], T @ theta]) for T in to_factors]
-    residuals = [s.fields @ jnp.asarray(f) for s, f in zip(sheets, factors, strict=True)]
-    left = sum(float(s.norm.inner(w, w)) for s, w in zip(sheets, residuals, strict=True))
-    if noise is None:
+    displacements = [s.fields @ jnp.asarray(f) for s, f in zip(sheets, factors, strict=True)]
+    left = sum(float(s.norm.inner(w, w)) for s, w in zip(sheets, displacements, strict=True))
+    if noise is not None:
+        noise = noise / R0
+    else:
         noise = float(np.sqrt(left / sum(float(area(s.mesh, s.x)) for s in sheets)))
     slopes = [
         found.covariance @ _node_slopes(*each)
@@ -224,7 +227,7 @@ def force_balance(
         unknown = [
             any(choice[k, j] and not told[n] for j, n in enumerate(labels)) for k in range(3)
         ]
-        H0, tension, pressure = np.where(unknown, np.nan, SIGNS * f[1:])
+        H0, tension, pressure = np.where(unknown, np.nan, SIGNS * f[1:] * R0 ** -POWERS)
         named.append(
             {
                 "spontaneous_curvature": float(H0),
@@ -233,9 +236,10 @@ def force_balance(
                 "pressure_over_kappa": float(pressure),
             }
         )
-    bent = bb > NO_FORCE**2 * sum(G[2, 2] for G in grams) / R0**4
+    bent = bb > NO_FORCE**2 * sum(G[2, 2] for G in grams)
     unexplained = float(np.sqrt(max(left, 0.0) / bb)) if bent else 0.0
-    return ForceBalance(tuple(named), found, tuple(residuals), unexplained)
+    residuals = tuple(R0 * w for w in displacements)
+    return ForceBalance(tuple(named), found, residuals, unexplained)
 
 
 def _unknowns(free: Sequence[str], shared: Sequence[str], count: int):

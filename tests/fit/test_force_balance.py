@@ -46,11 +46,12 @@ def test_exact_equilibria_tell_their_parameters_within_a_percent(case):
     assert np.all(at_2562 < at_642 / 5), (at_642, at_2562)
 
 
-def test_parameters_scale_and_ignore_rigid_motion():
+@pytest.mark.parametrize("size", [2.5, 40.0, 1e-6])  # µm, voxels, m
+def test_parameters_scale_and_ignore_rigid_motion(size):
     mesh, x = oblate()
-    R, size = np.asarray(random_rotation(jr.key(0))), 2.5
+    R = np.asarray(random_rotation(jr.key(0)))
     plain = force_balance([(mesh, x)]).parameters[0]
-    moved = force_balance([(mesh, size * x @ R.T + [1.0, -2.0, 0.5])]).parameters[0]
+    moved = force_balance([(mesh, size * (x @ R.T + [1.0, -2.0, 0.5]))]).parameters[0]
     powers = {
         "spontaneous_curvature": 1,
         "effective_tension_over_kappa": 2,
