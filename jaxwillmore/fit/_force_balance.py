@@ -227,7 +227,7 @@ def force_balance(
         unknown = [
             any(choice[k, j] and not told[n] for j, n in enumerate(labels)) for k in range(3)
         ]
-        H0, tension, pressure = np.where(unknown, np.nan, SIGNS * f[1:] * R0 ** -POWERS)
+        H0, tension, pressure = np.where(unknown, np.nan, SIGNS * f[1:] * R0**-POWERS)
         named.append(
             {
                 "spontaneous_curvature": float(H0),
