@@ -59,4 +59,5 @@ from ._recover import (
     recover_normal as recover_normal,
 )
 from ._restore import restored as restored
+from ._smoothed import SmoothedSurface as SmoothedSurface, smoothed as smoothed
 from ._spherical import SphericalSurface as SphericalSurface, spherical as spherical

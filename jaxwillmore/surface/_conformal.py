@@ -33,7 +33,7 @@ def conformal_sphere(x: Points, faces: Faces) -> Points:
     **Raises:** `ValueError` where triangles of the result are turned over: the mesh has handles,
     crosses itself, or has needles that no angle tells.
     """
-    L, areas = _stiffness(x, faces), vertex_areas(x, faces)
+    L, areas = stiffness(x, faces), vertex_areas(x, faces)
     y = _sphere(x, faces, L)
     y = _turned(_centred(y, areas), x, areas)
     inverted = int(np.count_nonzero(_volumes(y, faces) <= 0))
@@ -85,7 +85,7 @@ def _turned(y: Points, x: Points, areas: Float[np.ndarray, " vertices"]) -> Poin
     return y @ (U @ Vt).T
 
 
-def _stiffness(x: Points, faces: Faces):
+def stiffness(x: Points, faces: Faces):
     """Cotangent weights: the stiffness matrix of linear elements."""
     area = np.linalg.norm(_cross(x, faces), axis=1)
     area = np.maximum(area, LEAST_AREA * area.mean())
