@@ -9,8 +9,9 @@ import pytest
 
 from jaxwillmore.cases import CaseError, load_case
 from jaxwillmore.cli import main
+from jaxwillmore.energies import Willmore
 from jaxwillmore.io import SurfaceWarning, examine_surface, read_surface
-from jaxwillmore.mesh import SurfaceError, check_mesh
+from jaxwillmore.mesh import SurfaceError, check_mesh, torus
 from jaxwillmore.runs import check_file, run_case
 from jaxwillmore.runs._start import starting_surface
 
@@ -224,3 +225,69 @@ def test_a_file_can_be_smoothed_by_harmonics(folder):
     assert act.startswith("smoothed by spherical harmonics of degree")
     with pytest.raises(CaseError, match="is for meshes from a file"):
         load_case('[surface]\nshape = "torus"\nsmooth = "harmonics"\n[time]\nt1 = 1.0\n')
+
+
+ROUGH = np.random.default_rng(0).normal(scale=0.02, size=(336, 3))
+
+
+@pytest.fixture
+def rough_torus(folder):
+    """A torus with noise in a file: handles are no matter of harmonics."""
+    mesh, x = torus(2.0, 1.0, level=2, degree=1)
+    (folder / "torus.obj").write_text(obj_text(np.asarray(x) + ROUGH, np.asarray(mesh.triangles)))
+    return folder
+
+
+def test_a_file_with_a_handle_can_be_smoothed_by_fairing(rough_torus):
+    text = '[surface]\nfile = "torus.obj"\nsmooth = "fairing"\nwavelength = 2.4\n[time]\nt1 = 1.0\n'
+    (rough_torus / "case.toml").write_text(text)
+    case = load_case(rough_torus / "case.toml")
+    assert load_case(case.to_toml()) == case and case.surface.level == 0
+    start = starting_surface(case)
+    assert start.mesh.genus == 1 and start.mesh.degree == 2
+    (act,) = start.repairs
+    assert act.startswith("smoothed by fairing, waves of 2.4 halved")
+    energy = float(Willmore()(start.mesh, start.x))
+    assert energy == pytest.approx(8 * np.pi**2 / np.sqrt(3), rel=0.03)  # R = 2 r
+
+
+@pytest.mark.parametrize(
+    "keys, words",
+    [
+        ('smooth = "harmonics"', r"\[surface\] smooth.*genus 0.*fairing"),
+        ('smooth = "fairing"\nwavelength = 0.1', r"\[surface\] wavelength.*at least"),
+        ('smooth = "fairing"\nwavelength = 9.0', r"\[surface\] wavelength.*too long"),
+    ],
+)
+def test_a_smoothing_that_fails_names_its_key(rough_torus, keys, words):
+    text = f'[surface]\nfile = "{rough_torus}/torus.obj"\n{keys}\n[time]\nt1 = 1.0\n'
+    with pytest.raises(CaseError, match=f"(?s){words}"):
+        starting_surface(load_case(text))
+
+
+@pytest.mark.parametrize(
+    "keys, words",
+    [
+        ('smooth = "taubin"', r"\[surface\] smooth.*harmonics.*fairing"),
+        ("wavelength = 1.0", r"\[surface\] wavelength.*fairing"),
+        ('smooth = "harmonics"\nwavelength = 1.0', r"\[surface\] wavelength.*fairing"),
+        ('smooth = "fairing"\nwavelength = 0.0', r"\[surface\] wavelength.*> 0"),
+        ('smooth = "fairing"\ncomponents = 2', r"\[surface\] smooth.*one piece"),
+    ],
+)
+def test_keys_of_smoothing_are_checked(keys, words):
+    with pytest.raises(CaseError, match=f"(?s){words}"):
+        load_case(f'[surface]\nfile = "a.obj"\n{keys}\n[time]\nt1 = 1.0\n')
+
+
+def test_a_rough_surface_is_told_what_to_do(tmp_path):
+    """At the defaults of a run: both ways to smooth, and degree 1."""
+    x, faces = ball(3)
+    noise = 1 + np.random.default_rng(0).normal(scale=0.02, size=(len(x), 1))
+    (tmp_path / "ball.obj").write_text(obj_text(x * noise, faces))
+    text = f'[surface]\nfile = "{tmp_path}/ball.obj"\n[time]\nt1 = 1.0\n'
+    with pytest.warns(SurfaceWarning) as said:
+        starting_surface(load_case(text))
+    (words,) = (str(w.message) for w in said if "is noise" in str(w.message))
+    for way in ('smooth = "harmonics"', '"fairing"', "`surface.smoothed`", "degree 1"):
+        assert way in words

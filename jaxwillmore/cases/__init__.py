@@ -32,6 +32,8 @@ from ._mesh_section import MeshCase as MeshCase
 from ._phase_section import PhaseCase as PhaseCase
 from ._quantities import QUANTITIES as QUANTITIES, Quantity as Quantity
 from ._sections import (
+    FAIRING as FAIRING,
+    HARMONICS as HARMONICS,
     OF_PHASES as OF_PHASES,
     BranchCase as BranchCase,
     EquilibriumCase as EquilibriumCase,

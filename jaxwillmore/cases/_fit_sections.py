@@ -8,6 +8,7 @@ from ..fit import FORCE_PARAMETERS, SHAPE_PARAMETERS
 from ._error import CaseError
 from ._keys import check_keys, declare
 from ._rules import Rule, choice, flag, integer, number, optional, refused, rising, text
+from ._sections import OF_FAIRING, SMOOTHINGS, check_smoothing
 
 MATCH, BALANCE, SERIES = METHODS = ("match", "force-balance", "series")
 # The section in which a method has its model.
@@ -61,9 +62,14 @@ class TargetCase:
     )
     same_mesh: bool = declare(flag("refuse a series whose files have different triangles"), True)
     fix_orientation: bool = declare(flag("turn triangles so that normals point out"), False)
+    smooth: str | None = declare(
+        optional(choice("by spherical harmonics (no handles), or without waves", *SMOOTHINGS)), None
+    )
+    wavelength: float | None = declare(optional(number(OF_FAIRING, above=0.0)), None)
 
     def __post_init__(self):
         check_keys(self)
+        check_smoothing(self)
 
 
 @typing.no_type_check

@@ -54,6 +54,7 @@ QUANTITIES: dict[str, Quantity] = {
     "times": Quantity("t", "time"),
     "merge_tolerance": Quantity("d", "length"),
     "noise": Quantity("s", "length"),
+    "wavelength": Quantity("Λ", "length"),
     "radius": Quantity("R₀", "length"),
     # Triangles.
     "remesh_when": Quantity("α", "degrees"),

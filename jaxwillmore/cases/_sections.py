@@ -30,8 +30,18 @@ from ._rules import (
 _MAX_FRAMES = 100_000
 _OF_FILES = (
     *("merge_tolerance", "fix_orientation", "repair", "keep", "components", "genus"),
-    "smooth",
+    *("smooth", "wavelength"),
 )
+HARMONICS, FAIRING = SMOOTHINGS = ("harmonics", "fairing")
+OF_FAIRING = "of the waves that fairing halves; left out, it follows from the noise"
+
+
+def check_smoothing(section) -> None:
+    """A wavelength without effect would be a wrong answer to whoever wrote it."""
+    if section.wavelength is not None and section.smooth != FAIRING:
+        problem = f'has an effect with smooth = "{FAIRING}" only.'
+        got = section.wavelength
+        raise CaseError(problem, section=section.name, key="wavelength", got=got)
 
 
 @typing.no_type_check
@@ -40,8 +50,8 @@ class SurfaceCase:
     """Where the surface comes from: the name of a generator in `shape`, or a mesh in `file`.
 
     `parameters` are the keyword arguments of the generator; in a case file they stand in
-    `[surface]` like all other keys. Left out, `level` is 2 for a shape and for a smoothed file, and
-    0 for a file as it is.
+    `[surface]` like all other keys. Left out, `level` is 2 for a shape and for harmonics, and 0 for
+    other files.
     """
 
     name: ClassVar[str] = "surface"
@@ -68,8 +78,12 @@ class SurfaceCase:
         optional(integer("file only: refuse another number of handles", 0)), None
     )
     smooth: str | None = declare(
-        optional(choice("file only: the surface by spherical harmonics instead", "harmonics")), None
+        optional(
+            choice("file only: by spherical harmonics (no handles), or without waves", *SMOOTHINGS)
+        ),
+        None,
     )
+    wavelength: float | None = declare(optional(number(OF_FAIRING, above=0.0)), None)
     parameters: Mapping[str, Any] = dataclasses.field(default_factory=dict)
 
     def __post_init__(self):
@@ -78,8 +92,12 @@ class SurfaceCase:
             both = "both are given" if self.shape is not None else "neither is given"
             raise CaseError(f"needs either `shape` or `file`; {both}.", section=self.name)
         if self.level is None:
-            made = self.file is None or self.smooth is not None
+            made = self.file is None or self.smooth == HARMONICS
             object.__setattr__(self, "level", 2 if made else 0)
+        check_smoothing(self)
+        if self.smooth is not None and self.components != 1:
+            problem = f"is for surfaces of one piece; components = {self.components}."
+            raise CaseError(problem, section=self.name, key="smooth", got=self.smooth)
         given = dict(self.parameters)
         if self.shape is None:
             if given:

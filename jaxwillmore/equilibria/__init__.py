@@ -14,7 +14,7 @@ from ._family import Branch as Branch
 from ._memory import memory_estimate as memory_estimate
 from ._parameters import Parameters as Parameters
 from ._parts import branch_of as branch_of, parts_of as parts_of
-from ._reference import smoothed as smoothed
+from ._reference import without_facets as without_facets
 from ._refined import refined as refined
 from ._results import (
     BRANCH_RESULTS as BRANCH_RESULTS,

@@ -109,7 +109,7 @@ def _tangents(n: Float[Array, "nodes 3"]) -> Float[Array, "nodes 3 2"]:
 
 
 @eqx.filter_jit
-def _smoothed(r: Reference, strength):
+def _without_facets(r: Reference, strength):
     blocks = (r.mass + strength * r.stiffness)[:, None, None] * jnp.ones((1, 1, 1))
     operator = SparseOperator(blocks, r.pattern)
     rhs = jnp.zeros_like(r.X).at[r.pattern.rows].add(r.mass[:, None] * r.X[r.pattern.cols])
@@ -120,11 +120,12 @@ def _smoothed(r: Reference, strength):
     return jnp.stack([solve(rhs[:, k]) for k in range(3)], axis=1)
 
 
-def smoothed(mesh: SurfaceMesh, x: Float[Array, "nodes 3"]) -> Float[Array, "nodes 3"]:
+def without_facets(mesh: SurfaceMesh, x: Float[Array, "nodes 3"]) -> Float[Array, "nodes 3"]:
     r"""One implicit smoothing $(M + 0.3 h^2 S)^{-1} M x$, with h the mean size of a triangle.
 
     For faceted input that was raised to degree 2: it takes off the facets and leaves the shape.
+    Noise and voxels are a matter for `surface.smoothed`.
     """
     r = reference(mesh, *prepare(mesh), x)
     h2 = float(jnp.sum(r.mass)) * 4 / np.sqrt(3) / mesh.n_cells
-    return _smoothed(r, jnp.asarray(0.3 * h2))
+    return _without_facets(r, jnp.asarray(0.3 * h2))

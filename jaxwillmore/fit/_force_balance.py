@@ -156,7 +156,7 @@ def force_balance(
     **Arguments:**
 
     - `surfaces`: closed surfaces at rest, of degree 2 or more. Triangulated data are raised by
-      `mesh.raise_degree`; `equilibria.smoothed` takes the facets off.
+      `mesh.raise_degree`; `equilibria.without_facets` takes the facets off.
     - `known`: unknowns whose values are known, in the units of the surfaces: some of
       `"spontaneous_curvature"`, `"effective_tension_over_kappa"` and `"pressure_over_kappa"`.
     - `shared`: unknowns that are the same for all surfaces; the others are each surface's own.

@@ -49,7 +49,7 @@ def checked_surface(
     if mesh.degree < least_degree:
         raise ValueError(
             f"A target of degree {mesh.degree} has no curvature to speak of; at least "
-            f"{least_degree} is needed. Use `mesh.raise_degree` and then `equilibria.smoothed`."
+            f"{least_degree} is needed. Use `surface.smoothed` or `surface.spherical`."
         )
     nodes = jnp.asarray(points)
     enclosed = float(volume(mesh, nodes))

@@ -8,6 +8,10 @@ from ..surface import area, volume
 
 # Larger changes of area or volume are no smoothing of a fine mesh.
 LARGE_CHANGE = 0.03
+_SMOOTH = (
+    'Smooth a measured surface (in a case smooth = "harmonics" or "fairing", in Python '
+    "`surface.spherical` or `surface.smoothed`)"
+)
 
 
 def raised(mesh, x, degree: int, report: SurfaceReport):
@@ -31,8 +35,7 @@ def raised(mesh, x, degree: int, report: SurfaceReport):
         f"Curved triangles of degree {degree} through the vertices change the area by "
         f"{changes[0]:+.1%} and the volume by {changes[1]:+.1%}: the mesh is coarse, or has edges "
         "and steps that are no smooth surface.",
-        "Smooth a measured surface (`surface.spherical`, in a case `smooth`), keep degree 1, or "
-        "bring a finer mesh.",
+        f"{_SMOOTH}, take degree 1, or bring a finer mesh.",
     )
     return new, new_x, report._replace(findings=(*report.findings, finding))
 
@@ -48,8 +51,7 @@ def _with_creases(mesh, x, degree: int, report: SurfaceReport) -> SurfaceReport:
         tuple(tuple(map(int, edge)) for edge in edges[:10]),
         f"These edges are bent by more than 60° and stay sharp at degree {degree}: there the "
         "bending energy has no limit as the mesh is refined.",
-        "Smooth a measured surface (`surface.spherical`, in a case `smooth`), or bring a finer "
-        "mesh.",
+        f"{_SMOOTH}, or bring a finer mesh.",
     )
     return report._replace(findings=(*report.findings, finding))
 

@@ -213,7 +213,8 @@ def roughness(points: Points, triangles: Triangles):
     if estimate is not None and estimate.share > _NOISY:
         text = f"The {estimate}."
         advice = (
-            "Smooth it: `surface.spherical`, in a case `smooth`; or keep degree 1, whose curvature "
+            'Smooth it: in a case smooth = "harmonics" (no handles) or "fairing" (any genus), in '
+            "Python `surface.spherical` or `surface.smoothed`. Or take degree 1, whose curvature "
             "is the least wrong."
         )
         found.append(finding("noise", [], text, advice, count=len(points), severity="warning"))

@@ -8,14 +8,18 @@ from collections.abc import Callable
 from typing import Any, Literal
 
 from .._interrupts import catch_interrupts
-from ..cases import CaseError, FitTask, example_path, is_example
-from ..io import read_surface
+from ..cases import HARMONICS, CaseError, FitTask, example_path, is_example
+from ..io import examine_surface, read_surface
 from ._fit_balance import balance
 from ._fit_match import match
 from ._fit_series import series
 from ._inputs import stored_fit
 from ._output import open_folder
+from ._smooth import smooth_surface, without_answered
+from ._start import warn_of
 
+# Of smoothed targets: triangles that are curved, and the icosphere of those by harmonics.
+DEGREE, LEVEL = 2, 2
 METHODS = {"match": match, "force-balance": balance, "series": series}
 
 
@@ -54,7 +58,11 @@ def run_fit(
     files = (
         task.target.file if task.target.start is None else (task.target.start, *task.target.file)
     )
-    targets = [_target(task, file) for file in files]
+    targets, acts = [], []
+    for file in files:
+        target, done = _target(task, file)
+        targets.append(target)
+        acts += done
     stored = stored_fit(task)
     with open_folder(out, existing) as folder:
         stored.write(folder)
@@ -67,11 +75,23 @@ def run_fit(
             if isinstance(error, CaseError):
                 raise
             raise CaseError(str(error), section="fit") from error
+        summary["repairs"] = acts
         summary["wall_seconds"] = time.perf_counter() - began
         folder.write_summary(summary)
     return FitRun(folder.path, summary)
 
 
 def _target(task: FitTask, file: str):
+    """A target, and sentences on what was done to it."""
     source = example_path(file) if is_example(file) else file
-    return read_surface(source, fix_orientation=task.target.fix_orientation)
+    case = task.target
+    if case.smooth is None:
+        return read_surface(source, fix_orientation=case.fix_orientation), []
+    reading = examine_surface(source, degree=1, fix_orientation=case.fix_orientation)
+    reading = without_answered(reading)
+    warn_of(reading)
+    level = LEVEL if case.smooth == HARMONICS else 0
+    mesh, x, act = smooth_surface(
+        reading, case.smooth, case.wavelength, level=level, degree=DEGREE, section=case.name
+    )
+    return (mesh, x), [f"{pathlib.Path(file).name}: {words}" for words in (*reading.repairs, act)]

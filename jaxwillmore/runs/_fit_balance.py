@@ -4,7 +4,7 @@ from typing import Any
 
 from .. import fit as fits
 from ..cases import CaseError, FitTask
-from ..equilibria import smoothed
+from ..equilibria import without_facets
 from ..io import RunFolder, write_npz
 from ..mesh import raise_degree
 from ..plot import surface_picture
@@ -38,7 +38,7 @@ def balance(task: FitTask, targets, folder: RunFolder, resume: bool, progress) -
 def _lifted(mesh, x):
     """Triangles raised to degree 2, without their facets."""
     mesh, x = raise_degree(mesh, x, 2)
-    return mesh, smoothed(mesh, x)
+    return mesh, without_facets(mesh, x)
 
 
 def _draw(folder: RunFolder, k: int, mesh, x, field, unexplained: float) -> None:

@@ -3,7 +3,6 @@
 import warnings
 from typing import NamedTuple
 
-import numpy as np
 from jaxtyping import Array
 
 from .._types import Nodes
@@ -11,8 +10,8 @@ from ..cases import Case, CaseError, SurfaceCase, example_path, is_example
 from ..io import Reading, SurfaceWarning, examine_surface, raised
 from ..mesh import SurfaceMesh, quality, refine
 from ..shapes import make_shape
-from ..surface import spherical
 from ._phase import starting_concentration
+from ._smooth import smooth_surface, without_answered
 
 
 class Start(NamedTuple):
@@ -61,8 +60,18 @@ def _from_file(surface: SurfaceCase) -> Start:
         "components": surface.components,
         "genus": surface.genus,
     }
-    if surface.smooth == "harmonics":
-        return _by_harmonics(surface, examine_surface(source, degree=1, **options))
+    if surface.smooth is not None:
+        reading = without_answered(examine_surface(source, degree=1, **options))
+        warn_of(reading)
+        mesh, x, act = smooth_surface(
+            reading,
+            surface.smooth,
+            surface.wavelength,
+            level=surface.level,
+            degree=surface.degree,
+            section=surface.name,
+        )
+        return Start(mesh, x, {}, (*reading.repairs, act))
     reading = examine_surface(source, **options)
     if reading.mesh.degree > surface.degree:
         reading = examine_surface(source, degree=surface.degree, **options)
@@ -70,26 +79,12 @@ def _from_file(surface: SurfaceCase) -> Start:
     for _ in range(surface.level):
         mesh, x = refine(mesh, x)
     mesh, x, report = raised(mesh, x, surface.degree, reading.report)
-    _warn(reading._replace(report=report))
+    warn_of(reading._replace(report=report))
     return Start(mesh, x, {}, reading.repairs)
 
 
-def _by_harmonics(surface: SurfaceCase, reading: Reading) -> Start:
-    assert surface.level is not None
-    _warn(reading)
-    try:
-        found = spherical(
-            reading.x,
-            np.asarray(reading.mesh.triangles),
-            level=surface.level,
-            degree=surface.degree,
-        )
-    except ValueError as error:
-        raise CaseError(str(error), section="surface", key="smooth", got="harmonics") from error
-    return Start(*found, {}, (*reading.repairs, f"smoothed {found.in_words()}"))
-
-
-def _warn(reading: Reading) -> None:
+def warn_of(reading: Reading) -> None:
+    """Tell repairs and findings."""
     for act in reading.repairs:
         warnings.warn(f"{reading.name}: repaired: {act}.", SurfaceWarning, stacklevel=5)
     for finding in reading.report.warnings:

@@ -35,6 +35,8 @@ HALVED = 2 ** (1 / (2 * STEPS)) - 1
 EDGE = 0.25
 # The wavelength left out: so many times √(R s), and at least so many mean distances of vertices.
 TERRACES, FEWEST = 11.5, 4.0
+# It is at most so many times R, or the surface falls together.
+WIDEST = 1.6
 # Noise of label images over the mean distance of vertices, for meshes whose noise is not told.
 LABELS = 0.12
 
@@ -96,8 +98,8 @@ def smoothed(
 
     - `vertices`, `faces`: a closed triangle mesh, normals out, any unit.
     - `wavelength`: of the waves that are halved, in the unit of the vertices. Left out, it is
-      $11.5\sqrt{Rs}$, and at least four mean distances of vertices: R is three times the volume
-      over the area, s the noise that `mesh.scatter` finds, or that of a label image where it cannot
+      $11.5\sqrt{Rs}$, at most 1.6 R and at least four mean distances of vertices: R is three times
+      the volume over the area, s the noise that `mesh.scatter` finds, or that of a label image where it cannot
       tell. Steps of a height s on a surface of radius R make terraces as wide as $\sqrt{Rs}$; for
       label images this is 3.5 times $\sqrt{R}$ in voxels.
     - `degree`: of the finite elements, 1 to 4.
@@ -147,7 +149,7 @@ def _checked_wavelength(V, F, wavelength: float | None, h: float, R: float) -> f
     if wavelength is None:
         noise = scatter(F, V)
         s = LABELS * h if noise is None else noise.position
-        return max(TERRACES * math.sqrt(R * s), FEWEST * h)
+        return max(min(TERRACES * math.sqrt(R * s), WIDEST * R), FEWEST * h)
     if not (math.isfinite(wavelength) and wavelength >= FEWEST * h * (1 - 1e-9)):
         raise ValueError(
             f"`wavelength` must be at least {FEWEST * h:.3g}, {FEWEST:g} mean distances of the "

@@ -48,7 +48,7 @@ def test_smoothing_removes_facets():
     flat = x2.at[mesh2.n_nodes - len(x2) + len(x) :].get()
     midpoints = 0.97 * flat
     bumpy = x2.at[len(x) :].set(midpoints)
-    smooth = equilibria.smoothed(mesh2, bumpy)
+    smooth = equilibria.without_facets(mesh2, bumpy)
 
     def roughness(y):
         radius = jnp.linalg.norm(y, axis=1)

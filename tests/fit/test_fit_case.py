@@ -18,9 +18,10 @@ from jaxwillmore.cases import (
     load_fit,
 )
 from jaxwillmore.cli import main
+from jaxwillmore.energies import Willmore
 from jaxwillmore.equilibria import equilibrium, spheroid
-from jaxwillmore.io import write_npz
-from jaxwillmore.mesh import raise_degree
+from jaxwillmore.io import read_surface, write_npz
+from jaxwillmore.mesh import raise_degree, torus
 from jaxwillmore.runs import run_fit
 
 from ..helpers import random_rotation
@@ -61,6 +62,8 @@ def test_a_case_is_complete_and_reads_back_the_same(tmp_path):
         ({"target": {"file": "a"}, "model": {"level": 9}}, "whole number from 1 to 5"),
         ({"target": {"file": "a"}, "model": 3}, "must be a table"),
         ({"target": {"file": "a"}, "fit": {"distance": "angles"}}, '"points", "harmonics"'),
+        ({"target": {"file": "a", "smooth": "taubin"}}, r"\[target\] smooth.*harmonics.*fairing"),
+        ({"target": {"file": "a", "wavelength": 1.0}}, r"\[target\] wavelength.*fairing"),
         ({"target": {"file": "a"}, "fit": {"max_degree": 1}}, "whole number from 2 to 30"),
     ],
 )
@@ -171,6 +174,34 @@ def test_a_fit_interrupted_before_its_first_step_says_so(oblate, monkeypatch):
     run = run_fit(load_fit(CASE.replace("cell.npz", str(oblate / "cell.npz"))), oblate / "out")
     assert run.summary["status"] == "interrupted" and not run.succeeded
     assert run.summary["shapes"] == []
+
+
+@pytest.mark.parametrize("smooth", ["harmonics", pytest.param("fairing", marks=pytest.mark.slow)])
+def test_rough_targets_are_smoothed_and_the_summary_says_so(tmp_path, smooth):
+    """Noise of 1 % at the vertices of an oblate: the energy of the target is that of the oblate."""
+    mesh, x = equilibrium_nodes(*OBLATE, level=2)
+    noise = 1 + 0.01 * np.random.default_rng(0).normal(size=(mesh.n_vertices, 1))
+    vertices = np.asarray(x)[: mesh.n_vertices] * noise
+    rough = raise_degree(np.asarray(mesh.triangles), vertices, 1)
+    write_npz(tmp_path / "a.npz", *rough)
+    tables = {
+        "target": {"file": str(tmp_path / "a.npz"), "smooth": smooth},
+        "fit": {"method": "force-balance", "picture": False},
+    }
+    summary = run_fit(load_fit(tables), tmp_path / "out").summary
+    (act,) = summary["repairs"]
+    assert act.startswith("a.npz: smoothed by")
+    exact = float(Willmore()(mesh, x))
+    found = float(Willmore()(*read_surface(tmp_path / "out" / "final_0.npz")))
+    assert found == pytest.approx(exact, rel=0.06)
+    assert float(Willmore()(*raise_degree(*rough, 2))) > 1.2 * exact
+
+
+def test_a_target_that_cannot_be_smoothed_is_named(tmp_path):
+    write_npz(tmp_path / "torus.npz", *torus(2.0, 1.0, level=2, degree=1))
+    tables = {"target": {"file": str(tmp_path / "torus.npz"), "smooth": "harmonics"}}
+    with pytest.raises(CaseError, match=r"(?s)\[target\] smooth.*torus.npz.*genus 0.*fairing"):
+        run_fit(load_fit(tables), tmp_path / "out")
 
 
 @pytest.mark.slow
