@@ -99,9 +99,9 @@ def smoothed(
     - `vertices`, `faces`: a closed triangle mesh, normals out, any unit.
     - `wavelength`: of the waves that are halved, in the unit of the vertices. Left out, it is
       $11.5\sqrt{Rs}$, at most 1.6 R and at least four mean distances of vertices: R is three times
-      the volume over the area, s the noise that `mesh.scatter` finds, or that of a label image where it cannot
-      tell. Steps of a height s on a surface of radius R make terraces as wide as $\sqrt{Rs}$; for
-      label images this is 3.5 times $\sqrt{R}$ in voxels.
+      the volume over the area, s the noise that `mesh.scatter` finds, or that of a label image
+      where it cannot tell. Steps of a height s on a surface of radius R make terraces as wide as
+      $\sqrt{Rs}$; for label images this is 3.5 times $\sqrt{R}$ in voxels.
     - `degree`: of the finite elements, 1 to 4.
 
     **Returns:** a `SmoothedSurface`, which is the pair `(mesh, x)`, x in the unit of the vertices.
