@@ -1,172 +1,198 @@
-"""What measured surfaces become: as they are read, smoothed, and by spherical harmonics.
+"""What smoothing and the degree do to measured surfaces: cells and label images.
 
-    python benchmarks/measured_surfaces.py                  label images and cells, ten minutes
-    python benchmarks/measured_surfaces.py --only ball torus --radii 6
-    python benchmarks/measured_surfaces.py --picture measured.png
+    python benchmarks/measured_surfaces.py                       everything; about an hour
+    python benchmarks/measured_surfaces.py --radii 6 --cells     label images of 6 voxels alone
+    python benchmarks/measured_surfaces.py --picture out.png     the picture and nothing else
 
-A ball, an ellipsoid with the axes 1 : 1 : 1.5 and a torus with a tube of half its radius, as label
-images with so many voxels in the radius (of the torus: 1.5 times that, and 0.75 times in the tube),
-and six shipped cells, whose truth nobody knows. Area, volume and half the integral of H² as errors
-against the truth, of the cells as they are; H at the nodes as the root of the mean square error
-over the mean. Needs the extra `images`.
+Label images of a ball, an ellipsoid and a torus are made here, 1 inside and 0 outside, and turned
+into triangles by marching cubes (PyVista, extra `viz`), so the truth is known: area, volume and
+half of the integral of H^2 are errors relative to it, and `H` is the rms error at the nodes over
+the rms of the true H at the foot points. Of the cells, whose truth nobody knows, volume and area
+are relative to the triangles, and the energy is over 8 pi. Seconds are those of the smoothing.
 """
 
 import argparse
 import math
 import time
 import warnings
+from typing import Any, NamedTuple
 
+import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
 
 import jaxwillmore as jw
-from jaxwillmore import surface
 from jaxwillmore.cases import example_path
-from jaxwillmore.energies import Willmore
-from jaxwillmore.mesh import raise_degree
-from jaxwillmore.verify import format_table
+from jaxwillmore.surface import AbstractLevelSet, Ellipsoid, Sphere, Torus
 
 CELLS = (
-    *("keratocyte_675", "keratocyte_682", "knizocyte_705"),
-    *("red_blood_cell", "knizocyte_720", "knizocyte_726"),
+    "keratocyte_675",
+    "keratocyte_682",
+    "knizocyte_705",
+    "red_blood_cell",
+    "knizocyte_720",
+    "knizocyte_726",
 )
-BODIES = ("ball", "ellipsoid", "torus")
-# Where the middle of a body is in its voxel (z, y, x): nowhere special.
-PLACE = (0.31, 0.17, 0.43)
-WAYS = ("as read", "smoothed", "harmonics")
-SPHERE = 8 * math.pi
+SHAPES = ("ball", "ellipsoid", "torus")
+# Off the lattice, as no object lies on it.
+CENTRE = np.array([0.31, 0.12, 0.23])
+COLUMNS = ("surface", "degree", "treatment", "nodes", "seconds", "volume", "area", "energy", "H")
 
 
-def body(name, radius):
-    """An exact surface, and its level set on a grid of voxels."""
-    reach = math.ceil((2.25 if name == "torus" else 1.5) * radius) + 2
-    axis = np.arange(-reach, reach + 1.0)
-    z, y, x = np.meshgrid(*(axis - shift for shift in PLACE), indexing="ij")
-    if name == "torus":
-        exact = surface.Torus(1.5 * radius, 0.75 * radius)
-        inside = (np.hypot(x, y) - 1.5 * radius) ** 2 + z**2 < (0.75 * radius) ** 2
-        made = jw.mesh.torus(1.5 * radius, 0.75 * radius, level=2, degree=3)
-    else:
-        axes = (radius,) * 2 + (radius if name == "ball" else 1.5 * radius,)
-        exact = surface.Ellipsoid(axes)
-        inside = (x / axes[0]) ** 2 + (y / axes[1]) ** 2 + (z / axes[2]) ** 2 < 1
-        made = jw.mesh.ellipsoid(axes, 3, 3)
-    vertices, faces = surface.from_image(inside, voxel_size=1.0, genus=int(name == "torus"))
-    centre = reach + np.array(PLACE[::-1])
-    return exact, made, np.asarray(vertices) - centre, np.asarray(faces)
+class Measured(NamedTuple):
+    """Triangles, and the exact surface where it is known."""
+
+    name: str
+    vertices: np.ndarray
+    faces: np.ndarray
+    exact: AbstractLevelSet | None = None
+    truth: tuple[float, float, float] | None = None
+    """Volume, area and half of the integral of H^2."""
 
 
-def surface_by(way, vertices, faces, degree):
-    """The surface by one of the ways, as a pair (mesh, x)."""
-    if way == "smoothed":
-        return surface.smoothed(vertices, faces, degree=degree)
-    if way == "harmonics":
-        return surface.spherical(vertices, faces, level=3 if degree == 1 else 2, degree=degree)
-    return raise_degree(faces, vertices, degree)
+def label_image(shape: str, radius: float) -> Measured:
+    """The label image of a shape of that many voxels, as triangles."""
+    import pyvista
+
+    exact, truth = known(shape, radius)
+    n = math.ceil(2.25 * radius) + 3
+    axis = np.arange(-n, n + 1.0)
+    grid = np.stack(np.meshgrid(axis, axis, axis, indexing="ij"), axis=-1) - CENTRE
+    inside = np.asarray(exact.value(jnp.asarray(grid.reshape(-1, 3)))).reshape(grid.shape[:3]) < 0
+    image: Any = pyvista.ImageData(dimensions=inside.shape, origin=(-n, -n, -n))
+    image["label"] = inside.astype(float).ravel(order="F")
+    surface = image.contour([0.5], scalars="label")
+    x, faces = np.asarray(surface.points, float), surface.faces.reshape(-1, 4)[:, 1:]
+    if np.sum(np.linalg.det(x[faces])) < 0:
+        faces = faces[:, ::-1]
+    return Measured(f"{shape} {radius:g}", x - CENTRE, np.array(faces), exact, truth)
 
 
-def numbers(mesh, x):
-    """Area, volume, half the integral of H², and H at the nodes."""
-    H = surface.recover_mean_curvature(mesh, x)
-    measures = surface.area(mesh, x), surface.volume(mesh, x), Willmore()(mesh, x)
-    return [float(a) for a in measures], np.asarray(H)
+def known(shape: str, R: float) -> tuple[AbstractLevelSet, tuple[float, float, float]]:
+    """A ball, an ellipsoid 1 : 0.8 : 0.6, or a torus with a tube of 0.75 and a ring of 1.5."""
+    if shape == "ball":
+        return Sphere(R), (4 / 3 * math.pi * R**3, 4 * math.pi * R**2, 8 * math.pi)
+    if shape == "torus":
+        a, r = 1.5 * R, 0.75 * R
+        c = a / r
+        energy = 2 * math.pi**2 * c**2 / math.sqrt(c**2 - 1)
+        return Torus(a, r), (2 * math.pi**2 * a * r**2, 4 * math.pi**2 * a * r, energy)
+    axes = (R, 0.8 * R, 0.6 * R)
+    mesh, x = jw.mesh.ellipsoid(axes, 3, 4)
+    energy, area, volume, _ = map(np.asarray, measured(mesh, x))
+    return Ellipsoid(axes), (float(volume), float(area), float(energy))
 
 
-def row(label, way, degree, vertices, faces, truth, exact):
-    """One line of the table; without a truth the numbers themselves."""
+def cell(name: str) -> Measured:
+    mesh, x = jw.io.read_surface(example_path(f"example:{name}.npz"))
+    return Measured(name, np.asarray(x), np.asarray(mesh.triangles))
+
+
+@eqx.filter_jit
+def measured(mesh, x):
+    H = jw.surface.recover_mean_curvature(mesh, x)
+    return jw.energies.Willmore()(mesh, x), jw.surface.area(mesh, x), jw.surface.volume(mesh, x), H
+
+
+def treated(treatment: str, surface: Measured, degree: int):
+    """The surface of a degree: as it is, faired, or by harmonics."""
+    V, F = surface.vertices, surface.faces
+    if treatment == "raw":
+        return jw.mesh.raise_degree(F, V, degree)
+    if treatment == "fairing":
+        return jw.surface.smoothed(V, F, degree=degree)
+    return jw.surface.spherical(V, F, level=2, degree=degree)
+
+
+def row(surface: Measured, degree: int, treatment: str) -> dict:
     began = time.perf_counter()
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore")
-        try:
-            mesh, x = surface_by(way, vertices, faces, degree)
-        except (ValueError, jw.mesh.SurfaceError) as error:
-            return {"surface": label, "by": way, "degree": degree, "nodes": str(error)[:40]}
-    x = jnp.asarray(x)
+    mesh, x = treated(treatment, surface, degree)
     seconds = time.perf_counter() - began
-    (A, V, W), H = numbers(mesh, x)
-    entry = {"surface": label, "by": way, "degree": degree, "nodes": mesh.n_nodes}
-    if exact is None:
-        entry |= {"area": f"{A:.3f}", "volume": f"{V:.3f}", "½∫H²/8π": f"{W / SPHERE:.3f}"}
-    else:
-        true = np.asarray(exact.mean_curvature(exact.project(x)))
-        off = np.sqrt(np.mean((H - true) ** 2)) / np.mean(true)
-        entry |= {"area": f"{A / truth[0] - 1:+.2%}", "volume": f"{V / truth[1] - 1:+.2%}"}
-        entry |= {"½∫H²/8π": f"{W / truth[2] - 1:+.1%}", "H": f"{off:.1%}"}
-    return entry | {"seconds": f"{seconds:.0f}"}
+    energy, area, volume, H = map(np.asarray, measured(mesh, x))
+    found = {"surface": surface.name, "degree": degree, "treatment": treatment}
+    found |= {"nodes": mesh.n_nodes, "seconds": f"{seconds:.0f}"}
+    if surface.truth is None or surface.exact is None:
+        before = jw.mesh.check_surface(surface.vertices, surface.faces, self_intersections=False)
+        return found | {
+            "volume": f"{volume / before.volume - 1:+.2%}",
+            "area": f"{area / before.area - 1:+.2%}",
+            "energy": f"{energy / (8 * math.pi):.3f}",
+            "H": "",
+        }
+    V, A, W = surface.truth
+    exact = np.asarray(surface.exact.mean_curvature(surface.exact.project(x)))
+    error = np.sqrt(np.mean((H - exact) ** 2) / np.mean(exact**2))
+    return found | {
+        "volume": f"{volume / V - 1:+.2%}",
+        "area": f"{area / A - 1:+.2%}",
+        "energy": f"{energy / W - 1:+.2%}",
+        "H": f"{error:.1%}",
+    }
 
 
-def table(names, radii, degrees):
-    """All surfaces by all ways, printed as each is done."""
-    columns = ["surface", "by", "degree", "nodes", "area", "volume", "½∫H²/8π", "H", "seconds"]
-    for name in names:
-        for radius in radii if name in BODIES else (None,):
-            if radius is None:
-                mesh, x = jw.io.read_surface(example_path(f"example:{name}.npz"), degree=1)
-                vertices, faces = np.asarray(x), np.asarray(mesh.triangles)
-                exact, truth, label = None, None, name
-            else:
-                exact, made, vertices, faces = body(name, radius)
-                truth, label = numbers(*made)[0], f"{name}, {radius} voxels"
-            ways = WAYS if name != "torus" else WAYS[:2]
-            entries = [
-                row(label, way, degree, vertices, faces, truth, exact)
-                for way in ways
-                for degree in degrees
-            ]
-            print(format_table(entries, columns) + "\n", flush=True)
+def treatments(surface: Measured) -> tuple[str, ...]:
+    handles = surface.exact is not None and isinstance(surface.exact, Torus)
+    return ("raw", "fairing") if handles else ("raw", "fairing", "harmonics")
 
 
-def picture(path):
-    """A ball and a torus of 12 voxels and a cell, by the three ways, coloured by H."""
-    import matplotlib.pyplot as plt
+def picture(path: str) -> None:
+    """Raw, faired and by harmonics, coloured by H of one scale for every row."""
+    from matplotlib.figure import Figure
 
-    files = []
-    for name in ("ball", "torus", "knizocyte_705"):
-        if name in BODIES:
-            _, _, vertices, faces = body(name, 12)
-        else:
-            mesh, x = jw.io.read_surface(example_path(f"example:{name}.npz"), degree=1)
-            vertices, faces = np.asarray(x), np.asarray(mesh.triangles)
-        for way in WAYS:
-            if (name, way) == ("torus", "harmonics"):
-                continue
-            with warnings.catch_warnings():
-                warnings.simplefilter("ignore")
-                mesh, x = surface_by(way, vertices, faces, 1 if way == "as read" else 2)
-            H = np.asarray(surface.recover_mean_curvature(mesh, jnp.asarray(x)))
-            H = H * float(surface.area_radius(mesh, jnp.asarray(x)))
-            file = f"{path}.{name}.{way.replace(' ', '_')}.png"
-            low, high = (-1.0, 5.0) if name != "knizocyte_705" else (-4.0, 8.0)
-            clipped = np.clip(H, low, high)
-            jw.plot.surface_picture(
-                file, mesh, x, clipped, field_name="H R₀", caption=f"{name}: {way}", edges=False
-            )
-            files.append(file)
-    figure, axes = plt.subplots(3, 3, figsize=(15, 12))
-    places = [k for k in range(9) if k != 5]
-    for place in axes.flat:
-        place.axis("off")
-    for k, file in zip(places, files, strict=True):
-        axes.flat[k].imshow(plt.imread(file))
+    from jaxwillmore.plot._camera import camera_for
+    from jaxwillmore.plot._surface import colours_of, fine_surface, images_of, scale_of
+
+    rows = [label_image("ball", 12), label_image("torus", 6), cell("red_blood_cell")]
+    figure = Figure(figsize=(10.2, 10.4), dpi=150)
+    grid = figure.subplots(3, 3)
+    for line, surface in zip(grid, rows, strict=True):
+        ways = treatments(surface)
+        made = [treated(way, surface, 1 if way == "raw" else 2) for way in ways]
+        fields = [np.asarray(measured(*pair)[3]) for pair in made]
+        most = 1.5 * np.quantile(np.abs(fields[1]), 0.98)
+        fine = [
+            fine_surface(mesh, x, np.clip(H, -most, most))
+            for (mesh, x), H in zip(made, fields, strict=True)
+        ]
+        scale = scale_of([np.array([-most, most])], "H", None)
+        colours = [colours_of(one, scale) for one in fine]
+        camera = camera_for([one.points for one in fine], None)
+        images = images_of(fine, colours, camera, True, 700, "auto")
+        for axes, way, image in zip(line, ways, images, strict=False):
+            axes.imshow(image)
+            axes.set_title(f"{surface.name}: {way}", fontsize=12)
+        for axes in line:
+            axes.set_axis_off()
+        if len(ways) < len(line):
+            words = "harmonics are for\nsurfaces without handles"
+            line[-1].text(0.5, 0.5, words, ha="center", va="center", fontsize=12)
+    figure.suptitle("H, red outwards and blue inwards, one scale in every row", fontsize=13)
     figure.tight_layout()
-    figure.savefig(path, dpi=80)
-    print(f"picture: {path}")
+    figure.savefig(path)
+    print(f"written to {path}")
 
 
-def main():
-    """Parse, compute, print."""
-    parser = argparse.ArgumentParser(
-        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
-    parser.add_argument("--only", nargs="+", choices=(*BODIES, *CELLS), default=(*BODIES, *CELLS))
-    parser.add_argument("--radii", nargs="+", type=int, default=(6, 12, 20))
-    parser.add_argument("--degrees", nargs="+", type=int, default=(1, 2, 4))
-    parser.add_argument("--picture", help="a PNG file for three of them")
-    args = parser.parse_args()
-    if args.picture:
-        picture(args.picture)
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--radii", type=float, nargs="*", default=[6.0, 12.0, 20.0])
+    parser.add_argument("--shapes", nargs="*", choices=SHAPES, default=list(SHAPES))
+    parser.add_argument("--cells", nargs="*", choices=CELLS, default=list(CELLS))
+    parser.add_argument("--degrees", type=int, nargs="+", default=[1, 2, 4])
+    parser.add_argument("--picture", metavar="PNG", help="draw a ball, a torus and a cell")
+    options = parser.parse_args()
+    warnings.simplefilter("ignore", jw.io.SurfaceWarning)  # stored in single precision
+    if options.picture:
+        picture(options.picture)
         return
-    table(args.only, args.radii, args.degrees)
+    print("| " + " | ".join(COLUMNS) + " |\n|" + " --- |" * len(COLUMNS), flush=True)
+    made = [lambda s=s, R=R: label_image(s, R) for s in options.shapes for R in options.radii]
+    made += [lambda name=name: cell(name) for name in options.cells]
+    for make in made:
+        surface = make()
+        for treatment in treatments(surface):
+            for degree in options.degrees:
+                found = row(surface, degree, treatment)
+                print("| " + " | ".join(str(found[c]) for c in COLUMNS) + " |", flush=True)
 
 
 if __name__ == "__main__":

@@ -217,15 +217,17 @@ def _local_matrices(mesh: SurfaceMesh, x):
 
 
 def _refuse_folds(mesh: SurfaceMesh, x, wavelength: float) -> None:
-    report = check_mesh(mesh, x, self_intersections=False)
-    if not report.ok:
-        raise ValueError(f"{_too_long(wavelength)} {report.errors[0].message}")
+    report = check_mesh(mesh, x)
+    bad = [f for f in report.findings if f.severity == "error" or f.kind == "self_intersections"]
+    if bad:
+        raise ValueError(f"{_too_long(wavelength)} {bad[0].message}")
 
 
 def _too_long(wavelength: float) -> str:
     return (
         f"The wavelength {wavelength:.3g} is too long for this surface, or the surface crosses or "
-        "touches itself: choose a shorter one, or repair the mesh."
+        "touches itself: choose a shorter one, or repair the mesh; `mesh.check_surface` tells "
+        "where."
     )
 
 

@@ -95,3 +95,34 @@ def test_what_cannot_be_smoothed_is_refused(noisy_torus):
             smoothed(x, faces, wavelength)
     with pytest.raises(ValueError, match="wavelength 12 is too long.*shorter"):
         smoothed(x, faces, 12.0)
+
+
+def crossing():
+    """A ball whose north pole was pulled out through the south pole."""
+    x, faces = triangles_of(*meshes.icosphere(2, 1))
+    x = np.array(x)
+    x[np.argmax(x[:, 2])] = (0.01, 0.02, -1.5)
+    return x, faces
+
+
+@pytest.mark.parametrize("unit, place", [(1e-6, 0.0), (1e3, 5e6), (1.0, 5e3)])
+def test_units_and_places_change_nothing(unit, place):
+    """Metres; nanometres, and millimetres from the origin in them; and so in micrometres."""
+    x, faces = triangles_of(*meshes.icosphere(2, 1))
+    x = x * (1 + 0.02 * np.random.default_rng(0).normal(size=(len(x), 1)))
+    one = _moved(x, faces, 1.0, 0.0)
+    np.testing.assert_allclose(_moved(x, faces, unit, place), one, atol=1e-6)
+
+
+def _moved(x, faces, unit, place):
+    """Nodes after smoothing in another unit at another place, back where they were."""
+    found = smoothed(unit * x + place, faces, 1.2 * unit, degree=1)
+    return (np.asarray(found.x) - place) / unit
+
+
+def test_a_surface_that_crosses_itself_is_named():
+    """The mesh is read with a warning; what comes out of smoothing is refused if it still does."""
+    x, faces = crossing()
+    assert "self_intersections" in meshes.check_surface(x, faces).kinds
+    with pytest.raises(ValueError, match="(?s)crosses or touches itself.*repair"):
+        smoothed(x, faces, 1.2)

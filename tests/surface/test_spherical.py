@@ -66,6 +66,8 @@ def test_what_is_no_sphere_is_refused():
     with pytest.raises(SurfaceError, match="genus"):
         spherical(*triangles_of(*meshes.torus(level=1, degree=1)))
     x, faces = triangles_of(*meshes.icosphere(1, 1))
+    with pytest.raises(ValueError, match="12 vertices determine no harmonics; 16 are the least"):
+        spherical(*triangles_of(*meshes.icosphere(0, 1)))
     with pytest.raises(ValueError, match="42 vertices"):
         spherical(x, faces, max_degree=9)
     with pytest.raises(SurfaceError):
