@@ -5,7 +5,7 @@
 A Moebius image of the Clifford torus has half of the integral of H^2 = 4 pi^2 as the Clifford torus
 itself: all of them are at rest, at every size and every reduced volume from 0.7116 to 1. Nothing in
 the energy holds a discrete one among them, so the error of the mesh moves it along. The torus here
-has area 4 pi (R0 = 1) and reduced volume 0.78; the unit of time is R0^4 over 2 b_b.
+has area 4 pi (R0 = 1) and reduced volume 0.79; the unit of time is R0^4 over 2 b_b.
 """
 
 import argparse
