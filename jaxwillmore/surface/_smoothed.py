@@ -92,9 +92,9 @@ def smoothed(
     On voxels this is nearer to the truth than Taubin's λ|μ filter, of which a hundred steps left
     ten times the error of H on the label images of a ball and a torus of 6 voxels; and one step
     with the matrices of the staircase leaves three times the error of three. Against `spherical`,
-    which needs a surface without handles: balls of 6 and 12 voxels come out within 0.4 % of 8π by
-    both; one whose centre is that of a voxel, so that its steps repeat six-fold, within 0.4 % by
-    this and 29 % too high by harmonics (`benchmarks/measured_surfaces.py`).
+    which needs a surface without handles: ½∫H² of balls of 6 and 12 voxels is within 0.2 % by this
+    and 1.1 % by harmonics (`benchmarks/measured_surfaces.py`), and for a ball of 6 voxels in the
+    very middle of a voxel, whose steps repeat six-fold, within 0.4 % and 29 % too high.
 
     **Arguments:**
 
