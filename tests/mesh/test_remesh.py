@@ -164,3 +164,22 @@ def test_sizes_too_large_for_the_bends_are_named():
         size_by_curvature(mesh, x, 0.0)
     with pytest.raises(ValueError, match="`smallest`"):
         size_by_curvature(mesh, x, smallest=2.0, largest=1.0)
+
+
+@pytest.mark.parametrize("shape", [ellipsoid, torus])
+def test_a_number_of_vertices_is_met_exactly(shape):
+    mesh, x = shape(level=1, degree=2)
+    for wanted in (mesh.n_vertices, mesh.n_vertices + 7, mesh.n_vertices - 5):
+        new = remesh(mesh, x, n_vertices=wanted)
+        assert new.mesh.n_vertices == wanted and new.mesh.genus == mesh.genus
+        assert quality(new.mesh, new.x).min_angle > 22
+    new = remesh(mesh, x, n_vertices=mesh.n_vertices)
+    # All arrays of a computation have the shapes that they had.
+    assert new.mesh.cells.shape == mesh.cells.shape and new.x.shape == x.shape
+    assert new.mesh.n_node_pairs == mesh.n_node_pairs
+
+
+def test_a_sphere_has_four_vertices_at_least():
+    assert remesh(MESH, X, n_vertices=4).mesh.n_vertices == 4
+    with pytest.raises(ValueError, match="`n_vertices` must be at least 4 for this surface; got 3"):
+        remesh(MESH, X, n_vertices=3)
