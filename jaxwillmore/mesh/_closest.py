@@ -61,55 +61,71 @@ def feet(
     queries: Float[np.ndarray, "points 3"],
 ) -> Feet:
     """What `closest` finds, in reference coordinates."""
-    cells, nodes, queries = np.asarray(cells), np.asarray(nodes), np.asarray(queries)
-    degree = _degree(cells.shape[1])
-    xi, pieces = _pieces(degree)
-    local = nodes[cells]
-    if not (np.all(np.isfinite(local)) and np.all(np.isfinite(queries))):
-        # Whoever asks for a distance to such a surface gets one that is not finite.
-        n = len(queries)
-        return Feet(np.zeros(n, np.int32), np.full((n, 2), np.nan), np.zeros((n, 2, 2)))
-    points = np.einsum("qj,tjd->tqd", lagrange_basis(degree, xi), local)
-    corners = points[:, pieces].reshape(-1, 3, 3)
-    query, piece, weights = _nearest_pieces(corners, len(pieces), queries, _sagitta(degree, local))
-    cell, piece = np.divmod(piece, len(pieces))
-    start = np.einsum("pv,pvi->pi", weights, xi[pieces][piece])
-    at = _polished(degree, local[cell][:, None], queries[query][:, None], start[:, None])[:, 0]
-    foot = np.einsum("pj,pjd->pd", lagrange_basis(degree, at), local[cell])
-    order = np.lexsort((np.sum((queries[query] - foot) ** 2, axis=1), query))
-    winner = order[np.searchsorted(query[order], np.arange(len(queries)))]
-    cell, at = cell[winner], at[winner]
-    return Feet(cell.astype(np.int32), at, _freedom(at))
+    return Search(cells, nodes).feet(queries)
 
 
-def _nearest_pieces(corners, per_cell: int, queries, sagitta: float):
-    """Pairs of a query and a flat piece on whose cell the nearest point may be, and where on it.
+class Search:
+    """A surface in which many nearest points are looked for: prepared once, at rest."""
 
-    First among the pieces with the nearest centres; then, where one that was not looked at may be
-    as near, among all whose balls reach as far.
+    def __init__(self, cells: Int[np.ndarray, "cells local"], nodes: Float[np.ndarray, "nodes 3"]):
+        self._degree = _degree(np.shape(cells)[1])
+        self._local = np.asarray(nodes)[np.asarray(cells)]
+        self._is_finite = bool(np.all(np.isfinite(self._local)))
+        if not self._is_finite:
+            return
+        xi, pieces = _pieces(self._degree)
+        points = np.einsum("qj,tjd->tqd", lagrange_basis(self._degree, xi), self._local)
+        self._corners = points[:, pieces].reshape(-1, 3, 3)
+        centres, self._radius, self._owner = _balls(self._corners)
+        self._tree, self._count = KDTree(centres), len(centres)
+        self._sagitta = _sagitta(self._degree, self._local)
 
-    - `per_cell`: so many pieces, one after the other, are those of a cell.
-    """
-    centres, radius, owner = _balls(corners)
-    tree = KDTree(centres)
-    count = min(CANDIDATES, len(centres))
-    far, ball = (a.reshape(len(queries), count) for a in tree.query(queries, count))
-    query = np.repeat(np.arange(len(queries)), count)
-    found, nearest = _near(corners, per_cell, queries, query, owner[ball.reshape(-1)], 2 * sagitta)
-    reach = nearest + radius + 2 * sagitta
-    unsure = (far[:, -1] < reach) & (count < len(centres))
-    if not np.any(unsure):
-        return found
-    (left,) = np.nonzero(unsure)
-    number = tree.query_ball_point(queries[left], reach[left], return_length=True)
-    parts = [tuple(a[~unsure[found[0]]] for a in found)]
-    # Far from a fine surface all of it may be about as near: in turns, for the memory.
-    for some in np.array_split(left, int(np.sum(number)) // MOST_PAIRS + 1):
-        inside = tree.query_ball_point(queries[some], reach[some])
-        query = np.repeat(some, [len(balls) for balls in inside])
-        piece = owner[np.concatenate(inside).astype(int)]
-        parts.append(_near(corners, per_cell, queries, query, piece, 2 * sagitta)[0])
-    return tuple(np.concatenate(arrays) for arrays in zip(*parts, strict=True))
+    def feet(self, queries: Float[np.ndarray, "points 3"]) -> Feet:
+        """The nearest points."""
+        queries, degree, local = np.asarray(queries), self._degree, self._local
+        if not (self._is_finite and np.all(np.isfinite(queries))):
+            # Whoever asks for a distance to such a surface gets one that is not finite.
+            n = len(queries)
+            return Feet(np.zeros(n, np.int32), np.full((n, 2), np.nan), np.zeros((n, 2, 2)))
+        xi, pieces = _pieces(degree)
+        query, piece, weights = self._nearest_pieces(queries, len(pieces))
+        cell, piece = np.divmod(piece, len(pieces))
+        start = np.einsum("pv,pvi->pi", weights, xi[pieces][piece])
+        at = _polished(degree, local[cell][:, None], queries[query][:, None], start[:, None])[:, 0]
+        foot = np.einsum("pj,pjd->pd", lagrange_basis(degree, at), local[cell])
+        order = np.lexsort((np.sum((queries[query] - foot) ** 2, axis=1), query))
+        winner = order[np.searchsorted(query[order], np.arange(len(queries)))]
+        cell, at = cell[winner], at[winner]
+        return Feet(cell.astype(np.int32), at, _freedom(at))
+
+    def _nearest_pieces(self, queries, per_cell: int):
+        """Pairs of a query and a flat piece on whose cell the nearest point may be, and where.
+
+        First among the pieces with the nearest centres; then, where one that was not looked at may
+        be as near, among all whose balls reach as far.
+
+        - `per_cell`: so many pieces, one after the other, are those of a cell.
+        """
+        corners, margin = self._corners, 2 * self._sagitta
+        count = min(CANDIDATES, self._count)
+        far, ball = (a.reshape(len(queries), count) for a in self._tree.query(queries, count))
+        query = np.repeat(np.arange(len(queries)), count)
+        piece = self._owner[ball.reshape(-1)]
+        found, nearest = _near(corners, per_cell, queries, query, piece, margin)
+        reach = nearest + self._radius + margin
+        unsure = (far[:, -1] < reach) & (count < self._count)
+        if not np.any(unsure):
+            return found
+        (left,) = np.nonzero(unsure)
+        number = self._tree.query_ball_point(queries[left], reach[left], return_length=True)
+        parts = [tuple(a[~unsure[found[0]]] for a in found)]
+        # Far from a fine surface all of it may be about as near: in turns, for the memory.
+        for some in np.array_split(left, int(np.sum(number)) // MOST_PAIRS + 1):
+            inside = self._tree.query_ball_point(queries[some], reach[some])
+            query = np.repeat(some, [len(balls) for balls in inside])
+            piece = self._owner[np.concatenate(inside).astype(int)]
+            parts.append(_near(corners, per_cell, queries, query, piece, margin)[0])
+        return tuple(np.concatenate(arrays) for arrays in zip(*parts, strict=True))
 
 
 def _near(corners, per_cell: int, queries, query, piece, margin: float):

@@ -18,7 +18,7 @@ from jaxtyping import Array, Float, Int
 from ..reference import lagrange_basis, lagrange_nodes
 from ._adjacency import directed_edges, lagrange_cells, scatter
 from ._check import lowest_normal_cosine
-from ._closest import feet, lattice
+from ._closest import Search, lattice
 from ._lifting import charts
 from ._noise import vertex_areas
 from ._quality import areas
@@ -231,10 +231,11 @@ class _Smooth:
             curved, nodes = mesh, x
         self._pieces, self._degree = pieces, curved.degree
         self._cells, self._nodes = np.asarray(curved.cells), np.asarray(nodes)
+        self._search = Search(self._cells, self._nodes)
 
     def feet(self, queries: Float[np.ndarray, "points 3"]) -> _Feet:
         """The nearest points."""
-        found = feet(self._cells, self._nodes, queries)
+        found = self._search.feet(queries)
         local = self._nodes[self._cells[found.cell]]
         x = np.einsum("pl,pld->pd", lagrange_basis(self._degree, found.xi), local)
         cell, piece = np.divmod(found.cell, len(self._pieces))
