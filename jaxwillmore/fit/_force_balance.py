@@ -172,7 +172,9 @@ def force_balance(
 
     *Limits:* κ is in no equation here: a shape at rest shows ratios only. On noisy surfaces the
     estimates are biased towards weak forces, because the error of a curvature is large and
-    enters its square; `match_shapes` compares positions instead. Area-difference elasticity shows
+    enters its square: $H_0 R_0$ of a known vesicle in voxels of 1/20 of its radius comes out 0.3 to
+    0.5 too weak, and no interval says so. `match_shapes` compares positions instead, and finds it
+    (`benchmarks/microscope.py`). Area-difference elasticity shows
     as a part of $H_0$.
 
     ```python

@@ -191,9 +191,10 @@ def test_rough_targets_are_smoothed_and_the_summary_says_so(tmp_path, smooth):
     summary = run_fit(load_fit(tables), tmp_path / "out").summary
     (act,) = summary["repairs"]
     assert act.startswith("a.npz: smoothed by")
+    assert "forces of a surface that was smoothed are too weak" in summary["warnings"][-1]
     exact = float(Willmore()(mesh, x))
     found = float(Willmore()(*read_surface(tmp_path / "out" / "final_0.npz")))
-    assert found == pytest.approx(exact, rel=0.06)
+    assert found == pytest.approx(exact, rel=0.08)
     assert float(Willmore()(*raise_degree(*rough, 2))) > 1.1 * exact
 
 
