@@ -69,23 +69,23 @@ def history_of(stepper, times, degree):
 def test_polynomials_of_the_order_of_the_scheme_are_interpolated_exactly(stepper, order):
     times = np.array([1.0, 0.7, 0.55, 0.3, 0.1])[: max(order + 1, 3)]
     history, exact = history_of(stepper, times, order)
-    saver = Saver(stepper, [0.8, 0.95, 1.0, 1.2], order)
+    saver = Saver([0.8, 0.95, 1.0, 1.2], order)
     # Many states are known, so that the algebraic fields have the full order as well.
-    states = saver.passed(history, 20)
+    states = saver.passed(stepper, history, 20)
     assert [s.t for s in states] == [0.8, 0.95, 1.0]
     for state in states:
         x, fields = exact(state.t)
         np.testing.assert_allclose(state.x, x, atol=1e-12)
         for name in fields:
             np.testing.assert_allclose(state.fields[name], fields[name], atol=1e-12)
-    assert saver.passed(history, 20) == []  # each time is handed out once
+    assert saver.passed(stepper, history, 20) == []  # each time is handed out once
 
 
 def test_initial_values_that_nobody_knows_stay_out(stepper):
     """After one step V and z exist at one time only; x, H and ν at two."""
     times = np.array([0.2, 0.0, -1.0])
     history, exact = history_of(stepper, times, 1)
-    (state,) = Saver(stepper, [0.1], 2).passed(history, 2)
+    (state,) = Saver([0.1], 2).passed(stepper, history, 2)
     x, fields = exact(0.1)
     np.testing.assert_allclose(state.x, x, atol=1e-13)
     np.testing.assert_allclose(state.H, fields["H"], atol=1e-13)
