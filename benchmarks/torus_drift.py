@@ -15,7 +15,7 @@ import time
 import jax.numpy as jnp
 
 import jaxwillmore as jw
-from jaxwillmore.flows import Loads, MinimalDeformation, System, WillmoreFlow
+from jaxwillmore.flows import AbstractLaw, Loads, MinimalDeformation, System, WillmoreFlow
 
 COLUMNS = ("degree", "nodes", "rtol", "held", "steps", "area", "volume", "energy", "seconds")
 
@@ -34,7 +34,7 @@ def drift(n_minor: int, degree: int, rtol: float, held: tuple[str, ...], t1: flo
     mesh, x = moebius_torus(n_minor, degree)
     area, volume = float(jw.surface.area(mesh, x)), float(jw.surface.volume(mesh, x))
     values = {"area": area, "volume": volume}
-    laws = [WillmoreFlow()]
+    laws: list[AbstractLaw] = [WillmoreFlow()]
     if held:
         laws.append(Loads(**{name: values[name] for name in held}))
     flow = System(*laws, MinimalDeformation())
