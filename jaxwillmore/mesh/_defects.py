@@ -214,8 +214,8 @@ def roughness(points: Points, triangles: Triangles):
         text = f"The {estimate}."
         advice = (
             'Smooth it: in a case smooth = "harmonics" (no handles) or "fairing" (any genus), in '
-            "Python `surface.spherical` or `surface.smoothed`. Or take degree 1, whose curvature "
-            "is the least wrong."
+            "Python `surface.spherical` or `surface.smoothed`. Or take degree 1, on which a flow "
+            "gets on where higher degrees stand still."
         )
         found.append(finding("noise", [], text, advice, count=len(points), severity="warning"))
     last = rounding(points)

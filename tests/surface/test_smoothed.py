@@ -2,6 +2,7 @@
 
 import math
 
+import jax.numpy as jnp
 import numpy as np
 import pytest
 
@@ -60,7 +61,7 @@ def test_a_torus_keeps_its_handle_and_volume_and_loses_its_noise(noisy_torus):
     x, faces = noisy_torus
     found = smoothed(x, faces, 2.0)
     mesh, nodes = found
-    V = float(volume(meshes.SurfaceMesh(faces, 1, len(x)), x))
+    V = float(volume(meshes.SurfaceMesh(faces, 1, len(x)), jnp.asarray(x)))
     assert mesh.genus == 1 and mesh.degree == 2
     assert float(volume(mesh, nodes)) == pytest.approx(V, rel=1e-10)
     rough = meshes.SurfaceMesh(faces, 1, len(x))
