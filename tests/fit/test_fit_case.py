@@ -178,7 +178,7 @@ def test_a_fit_interrupted_before_its_first_step_says_so(oblate, monkeypatch):
 
 @pytest.mark.parametrize("smooth", ["harmonics", pytest.param("fairing", marks=pytest.mark.slow)])
 def test_rough_targets_are_smoothed_and_the_summary_says_so(tmp_path, smooth):
-    """Noise of 1 % at the vertices of an oblate: the energy of the target is that of the oblate."""
+    """Noise of 1 % at the vertices of an oblate: half of the energy that it makes, or less, is left."""
     mesh, x = equilibrium_nodes(*OBLATE, level=2)
     noise = 1 + 0.01 * np.random.default_rng(0).normal(size=(mesh.n_vertices, 1))
     vertices = np.asarray(x)[: mesh.n_vertices] * noise
@@ -194,8 +194,9 @@ def test_rough_targets_are_smoothed_and_the_summary_says_so(tmp_path, smooth):
     assert "forces of a surface that was smoothed are too weak" in summary["warnings"][-1]
     exact = float(Willmore()(mesh, x))
     found = float(Willmore()(*read_surface(tmp_path / "out" / "final_0.npz")))
-    assert found == pytest.approx(exact, rel=0.08)
-    assert float(Willmore()(*raise_degree(*rough, 2))) > 1.1 * exact
+    raw = float(Willmore()(*raise_degree(*rough, 2)))
+    assert raw > 1.1 * exact
+    assert abs(found - exact) < 0.5 * (raw - exact)
 
 
 def test_a_target_that_cannot_be_smoothed_is_named(tmp_path):
