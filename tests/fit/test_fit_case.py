@@ -178,7 +178,7 @@ def test_a_fit_interrupted_before_its_first_step_says_so(oblate, monkeypatch):
 
 @pytest.mark.parametrize("smooth", ["harmonics", pytest.param("fairing", marks=pytest.mark.slow)])
 def test_rough_targets_are_smoothed_and_the_summary_says_so(tmp_path, smooth):
-    """Noise of 1 % at the vertices of an oblate: half of the energy that it makes, or less, is left."""
+    """Noise of 1 % at the vertices of an oblate: at most half of its energy is left."""
     mesh, x = equilibrium_nodes(*OBLATE, level=2)
     noise = 1 + 0.01 * np.random.default_rng(0).normal(size=(mesh.n_vertices, 1))
     vertices = np.asarray(x)[: mesh.n_vertices] * noise
