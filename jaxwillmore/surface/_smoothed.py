@@ -86,7 +86,7 @@ def smoothed(
     divide a wave of the length λ by $1 + (2\pi\ell/\lambda)^4$: three on the triangles that were
     measured, which are then replaced by nearly equilateral ones of edge $\lambda/4$, and three with
     finite elements of the wanted degree on these. Together they halve waves of the length
-    `wavelength`, leave 96 % of those twice as long and 0.2 % of those half as long. At last the
+    `wavelength`, leave 96 % of those twice as long and 0.15 % of those half as long. At last the
     surface is moved along its normals until it encloses the volume of the triangles.
 
     Measured on label images of a ball and a torus of 6 voxels, H of flat triangles: three steps
@@ -113,7 +113,8 @@ def smoothed(
 
     **Raises:** `mesh.SurfaceError` for a mesh that is not closed; `ValueError` for a wavelength
     that is not positive, is below four mean distances of vertices, or is so long that the surface
-    folds or would have to move by 5 % of its size to have its volume back.
+    folds or would have to move by 5 % of its size to have its volume back; and for a surface that
+    still crosses itself after it.
 
     ??? cite "Reference"
         Desbrun, Meyer, Schröder, Barr (1999), *SIGGRAPH*, 317–324 (implicit fairing, with volume);
