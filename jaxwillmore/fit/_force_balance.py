@@ -34,7 +34,7 @@ MEANINGS = {
     "scaled_effective_tension": "(σ/κ + H0²/2)·R0²",
     "scaled_pressure": "P·R0³/κ",
 }
-LABELS = dict(zip(FORCE_PARAMETERS, MEANINGS, strict=True))
+LABELS: dict[str, str] = dict(zip(FORCE_PARAMETERS, MEANINGS, strict=True))
 KAPPA_IS_INVISIBLE = (
     "κ is not identifiable from static shapes: they show ratios to κ only; κ itself needs a force, "
     "a pressure or a time scale."
