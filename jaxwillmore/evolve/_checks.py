@@ -127,7 +127,7 @@ def checked_schedule(times) -> Float[Array, " times"]:
 
 
 def checked_remeshing(remesh: Any, flow: System) -> None:
-    """A surface that moves by its unknowns, with nothing on its nodes but these."""
+    """Settings of new meshes, for a flow that can have some."""
     if remesh is None:
         return
     if not isinstance(remesh, Remeshing):
@@ -135,15 +135,20 @@ def checked_remeshing(remesh: Any, flow: System) -> None:
             f"`remesh` must be a `Remeshing`, or None; got {type(remesh).__name__}. Write "
             "`remesh=jw.evolve.Remeshing(least_angle=15.0)`."
         )
+    _check_remeshable(flow)
+
+
+def _check_remeshable(flow: System) -> None:
+    """A surface that moves by its unknowns, with nothing on its nodes but these."""
     if not flow.moves:
         raise ValueError(
-            "`remesh` is for surfaces that move by their energy; this one is at rest, or its nodes "
-            "have a given path."
+            "New meshes are for surfaces that move by their energy; this one is at rest, or its "
+            "nodes have a given path."
         )
     fixed = [name for name in flow.carried if name not in flow.layout.names]
     if fixed:
         raise ValueError(
-            f"`remesh` needs {', '.join(f'`{name}`' for name in fixed)} to be a field that comes "
+            f"A new mesh needs {', '.join(f'`{name}`' for name in fixed)} to be a field that comes "
             "along to the new nodes; add `MinimalDeformation()` to the system, with which it is, "
             "or give one number for all nodes."
         )
@@ -166,7 +171,7 @@ def checked_new_meshes(
         raise ValueError(
             f"`new_meshes` belong to meshes of {sorted(counts)} nodes; this one has {mesh.n_nodes}."
         )
-    checked_remeshing(Remeshing(), flow)
+    _check_remeshable(flow)
 
 
 def checked_resume(resume: Solution, now: Origin, t1: float) -> Origin:

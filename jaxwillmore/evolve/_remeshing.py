@@ -45,6 +45,10 @@ class Remeshing:
 
     **Raises:** `ValueError` for values out of range.
 
+    *Limits:* angles and lengths are those of the flat triangles between the vertices; nodes inside
+    of edges are not looked at. Where as many nodes are too few for the bends of a surface, no mesh
+    has the sizes by curvature, and a new one is made at every look.
+
     ```python
     run = jw.evolve.evolve(flow, mesh, x, t1=1.0, remesh=jw.evolve.Remeshing(least_angle=20))
     ```

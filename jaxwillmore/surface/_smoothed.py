@@ -92,9 +92,9 @@ def smoothed(
     Measured on label images of a ball and a torus of 6 voxels, H of flat triangles: three steps
     with waves of 8 voxels leave an error of 7 to 10 %, one step with the matrices of the staircase
     35 to 57 %, a hundred of Taubin's λ|μ filter 140 to 280 %. Compare with `spherical`
-    (`benchmarks/measured_surfaces.py`): H is nearer to the truth here, the volume there. A ball of
-    6 voxels in the very middle of a voxel, whose steps repeat six-fold, has ½∫H² 0.4 % too high
-    here, 29 % by harmonics.
+    (`benchmarks/measured_surfaces.py`): H is mostly nearer to the truth here, the volume there. A
+    ball of 6 voxels in the very middle of a voxel, whose steps repeat six-fold, has ½∫H² 0.4 % too
+    high here, 29 % by harmonics.
 
     **Arguments:**
 

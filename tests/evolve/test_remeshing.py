@@ -162,6 +162,27 @@ def test_the_amount_of_a_concentration_stays(two_phases):
         np.testing.assert_allclose(after.amounts[k], own, atol=1e-14)
 
 
+def test_the_new_surface_has_the_area_and_volume_of_the_old_one(two_phases):
+    """The last state of the history, which is what a run goes on from."""
+    stepper, history = two_phases
+    new = new_mesh(OFTEN, 2, 2.0, MESH, history.x[0])
+    after = history_on(new, stepper.on(new.mesh), history)
+    for measure in (area, volume):
+        old = float(measure(MESH, history.x[0]))
+        assert float(measure(new.mesh, after.x[0])) == pytest.approx(old, rel=1e-11)
+
+
+def test_coarse_triangles_where_the_surface_bends_ask_for_a_new_mesh():
+    """The tips of a needle in a mesh of even, good triangles; by curvature it is better."""
+    mesh, x = ellipsoid((1.0, 1.0, 4.0), 3, 1)
+    even = meshes.remesh(mesh, x)
+    uniform, curved = (Remeshing(least_angle=20.0, size=size) for size in ("uniform", "curvature"))
+    assert not uniform.is_due(even.mesh, even.x) and curved.is_due(even.mesh, even.x)
+    better = curved.remeshed(even.mesh, even.x)
+    assert not curved.is_due(better.mesh, better.x)
+    assert better.mesh.n_vertices == even.mesh.n_vertices
+
+
 def test_no_velocity_comes_from_a_new_mesh(two_phases):
     """Differences between states are those of the old nodes, interpolated; so is every rate."""
     stepper, history = two_phases
