@@ -84,10 +84,11 @@ def solution_of(words: dict[str, Any], arrays: dict[str, np.ndarray]) -> Solutio
     **Raises:** `KeyError`, `TypeError` or `ValueError` where these are not its parts, or do not
     fit together.
     """
-    meshes = [
-        SurfaceMesh(arrays[f"meshes.{k}"], degree=words["degree"], n_nodes=words["n_nodes"])
+    # By number: one that is not there is a `KeyError`, and -1 is none.
+    meshes = {
+        k: SurfaceMesh(arrays[f"meshes.{k}"], degree=words["degree"], n_nodes=words["n_nodes"])
         for k in range(words["n_meshes"])
-    ]
+    }
     states = [
         State(
             said["t"],

@@ -15,8 +15,12 @@ def check_whole(solution: Solution) -> None:
     **Raises:** `ValueError` saying which part does not fit.
     """
     n, c = solution.mesh.n_nodes, solution.continuation
-    if any(new.mesh.n_nodes != n for new in solution.new_meshes):
-        raise ValueError(f"its new meshes do not all have {n} nodes")
+    for k, new in enumerate(solution.new_meshes):
+        _has(f"weights of the new mesh {k}", new.weights, (n, solution.mesh.cells.shape[1]))
+        _has(f"offset of the new mesh {k}", new.offset, (n, 3))
+        nodes = np.asarray(new.nodes)
+        if nodes.shape != new.weights.shape or nodes.min() < 0 or nodes.max() >= n:
+            raise ValueError(f"the new mesh {k} comes from nodes that are not there")
     for k, state in enumerate((solution.state, *solution.saved)):
         name = "the state" if k == 0 else f"the saved state {k - 1}"
         _has(f"x of {name}", state.x, (n, 3))

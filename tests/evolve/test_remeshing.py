@@ -99,6 +99,21 @@ def test_a_run_through_a_new_mesh_goes_on_to_the_last_bit(remeshed):
         assert all(a.tobytes() == others[name].tobytes() for name, a in arrays.items())
 
 
+@pytest.mark.parametrize(
+    ("name", "change", "message"),
+    [
+        ("nodes", lambda a: a + 1, "the new mesh 0 comes from nodes that are not there"),
+        ("weights", lambda a: a[:, 1:], "weights of the new mesh 0"),
+        ("offset", lambda a: a[1:], "offset of the new mesh 0"),
+    ],
+)
+def test_new_meshes_that_do_not_fit_are_refused(remeshed, name, change, message):
+    words, arrays = parts_of(remeshed)
+    arrays[f"new_meshes.0.{name}"] = change(arrays[f"new_meshes.0.{name}"])
+    with pytest.raises((ValueError, TypeError), match=f"{message}|{name}"):
+        solution_of(words, arrays)
+
+
 def test_other_settings_are_another_run(remeshed):
     half = run(observer=lambda record, _: record["step"] == 1)
     with pytest.raises(ValueError, match=r"remesh.least_angle` = 44.0; got 20"):

@@ -196,6 +196,7 @@ def test_the_header_is_plain_json(runs, tmp_path):
             "counts 2 steps, and its history has 1 of them",
         ),
         (lambda w, a: w["states"][0].update(t=9.0), "at t = 9.0, its history at 2e-05"),
+        (lambda w, a: w["states"][0].update(mesh=7), "parts of a run.*7"),
         (lambda w, a: a["numbers"].__setitem__(0, -1.0), "next step is -1.0"),
         (lambda w, a: a.update({"states.0.x": a["states.0.x"].astype("f4")}), "of float32"),
     ],
